@@ -1,0 +1,16 @@
+//! `deepct completions`: shell completion scripts.
+
+use crate::{Cli, Outcome};
+use clap::CommandFactory;
+
+/// Print the completion script of a shell
+#[derive(Debug, clap::Args)]
+pub(crate) struct Args {
+    /// The shell
+    shell: clap_complete::Shell,
+}
+
+pub(crate) fn run(args: &Args) -> deepct_core::Result<Outcome> {
+    clap_complete::generate(args.shell, &mut Cli::command(), "deepct", &mut std::io::stdout());
+    Ok(Outcome::Success)
+}

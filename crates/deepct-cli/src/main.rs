@@ -1,0 +1,60 @@
+//! The command line of deepct: one verb a stage, one file a verb.
+//!
+//! Exit status: 0 on success, 1 when a check that was asked for did not hold, 2 on an
+//! error, with one message that names what is at fault and the remedy.
+
+mod completions;
+mod config;
+mod global;
+mod man;
+mod progress;
+
+use clap::{Parser, Subcommand};
+use global::Global;
+use std::process::ExitCode;
+
+/// Clouds to satellite images, and satellite images to clouds.
+#[derive(Debug, Parser)]
+#[command(name = "deepct", version, about, arg_required_else_help = true)]
+struct Cli {
+    #[command(flatten)]
+    global: Global,
+    #[command(subcommand)]
+    verb: Verb,
+}
+
+#[derive(Debug, Subcommand)]
+enum Verb {
+    Config(config::Args),
+    Completions(completions::Args),
+    Man(man::Args),
+}
+
+/// How a verb that did not fail ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Outcome {
+    /// Done.
+    Success,
+    /// A check that was asked for did not hold.
+    CheckFailed,
+}
+
+fn run(cli: Cli) -> deepct_core::Result<Outcome> {
+    cli.global.start_threads()?;
+    match cli.verb {
+        Verb::Config(args) => config::run(&args),
+        Verb::Completions(args) => completions::run(&args),
+        Verb::Man(args) => man::run(&args),
+    }
+}
+
+fn main() -> ExitCode {
+    match run(Cli::parse()) {
+        Ok(Outcome::Success) => ExitCode::SUCCESS,
+        Ok(Outcome::CheckFailed) => ExitCode::from(1),
+        Err(error) => {
+            eprintln!("deepct: {error}");
+            ExitCode::from(2)
+        }
+    }
+}

@@ -1,0 +1,1 @@
+//! Space carving: which voxels the images allow to hold cloud.

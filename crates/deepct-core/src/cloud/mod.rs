@@ -1,0 +1,72 @@
+//! Clouds: where the liquid water is and how large its droplets are.
+//!
+//! A [`Cloud`] comes from a large-eddy simulation (read by `io`) or from the
+//! generator here; optics turns it into a scattering medium.
+
+use crate::error::{Error, Result};
+use crate::grid::{Grid, Volume};
+use ndarray::Array3;
+
+/// The effective variance of droplet sizes taken where none is known.
+pub const EFFECTIVE_VARIANCE: f32 = 0.1;
+
+/// A cloud, or a field of clouds, on a grid: droplets, or extinction, or both.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Cloud {
+    /// Where the voxels are.
+    pub grid: Grid,
+    /// What the droplets are like, where it is known.
+    pub microphysics: Option<Microphysics>,
+    /// Extinction (1/km), where it is given and not to be computed from droplets.
+    pub extinction: Option<Array3<f32>>,
+}
+
+/// Liquid water and droplet sizes by voxel, arrays `[z, y, x]`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Microphysics {
+    /// Liquid water content (g/m3).
+    pub liquid_water_content: Array3<f32>,
+    /// Effective radius (um); zero where there is no water.
+    pub effective_radius: Array3<f32>,
+    /// Effective variance (dimensionless).
+    pub effective_variance: Array3<f32>,
+}
+
+impl Cloud {
+    /// A cloud known by its droplets.
+    ///
+    /// # Errors
+    /// A shape other than the grid's, a negative or non-finite value, or water
+    /// without an effective radius.
+    pub fn from_microphysics(grid: Grid, microphysics: Microphysics) -> Result<Self> {
+        let Microphysics { liquid_water_content, effective_radius, effective_variance } =
+            &microphysics;
+        for (name, values) in [
+            ("liquid water content", liquid_water_content),
+            ("effective radius", effective_radius),
+            ("effective variance", effective_variance),
+        ] {
+            Volume::new(grid, values.clone())?.check_non_negative(name)?;
+        }
+        let dry = liquid_water_content
+            .indexed_iter()
+            .find(|(voxel, water)| **water > 0.0 && effective_radius[*voxel] <= 0.0);
+        if let Some(((k, j, i), water)) = dry {
+            return Err(Error::out_of_range(
+                "effective radius",
+                format!("0 at voxel [z {k}, y {j}, x {i}], where there is {water} g/m3 of water"),
+                "positive (um) where there is water",
+            ));
+        }
+        Ok(Self { grid, microphysics: Some(microphysics), extinction: None })
+    }
+
+    /// A cloud known by its extinction alone.
+    ///
+    /// # Errors
+    /// A negative or non-finite extinction.
+    pub fn from_extinction(extinction: Volume) -> Result<Self> {
+        extinction.check_non_negative("extinction")?;
+        Ok(Self { grid: extinction.grid, microphysics: None, extinction: Some(extinction.values) })
+    }
+}

@@ -1,0 +1,195 @@
+//! Regular grids and the fields that live on them.
+
+use crate::error::{Error, Result};
+use crate::math::DVec3;
+use ndarray::Array3;
+
+/// The most voxels a grid may declare: a guard against files whose header asks for
+/// more memory than any machine has.
+pub const MAX_VOXELS: usize = 1 << 31;
+
+/// A regular grid of voxels. Voxel `[k, j, i]` (z, y, x) spans
+/// `origin + (i, j, k) * spacing` to `origin + (i + 1, j + 1, k + 1) * spacing`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Grid {
+    /// The south-west-bottom corner of voxel `[0, 0, 0]` (km).
+    pub origin: DVec3,
+    /// Voxel size along x, y, z (km).
+    pub spacing: DVec3,
+    /// Number of voxels along z, y, x: the shape of an array on this grid.
+    pub shape: [usize; 3],
+}
+
+impl Grid {
+    /// A grid from its corner (km), voxel size (km) and shape `[nz, ny, nx]`.
+    ///
+    /// # Errors
+    /// A spacing that is not positive and finite, an origin that is not finite, an
+    /// empty axis, or more than [`MAX_VOXELS`] voxels.
+    pub fn new(origin: DVec3, spacing: DVec3, shape: [usize; 3]) -> Result<Self> {
+        if !origin.is_finite() {
+            return Err(Error::out_of_range("grid origin", origin, "finite (km)"));
+        }
+        if !(spacing.is_finite() && spacing.min_element() > 0.0) {
+            return Err(Error::out_of_range("grid spacing", spacing, "positive and finite (km)"));
+        }
+        let voxels = shape.iter().try_fold(1_usize, |product, &n| product.checked_mul(n));
+        if !voxels.is_some_and(|n| (1..=MAX_VOXELS).contains(&n)) {
+            return Err(Error::out_of_range(
+                "grid shape",
+                format!("{shape:?}"),
+                format!("at least 1 along every axis and at most {MAX_VOXELS} voxels in all"),
+            ));
+        }
+        Ok(Self { origin, spacing, shape })
+    }
+
+    /// The south-west-bottom corner of the grid (km).
+    pub fn lower(&self) -> DVec3 {
+        self.origin
+    }
+
+    /// The north-east-top corner of the grid (km).
+    pub fn upper(&self) -> DVec3 {
+        self.origin + self.extent()
+    }
+
+    /// The size of the grid along x, y, z (km).
+    pub fn extent(&self) -> DVec3 {
+        let [nz, ny, nx] = self.shape;
+        self.spacing * DVec3::new(nx as f64, ny as f64, nz as f64)
+    }
+
+    /// The middle of the grid (km).
+    pub fn center(&self) -> DVec3 {
+        self.origin + 0.5 * self.extent()
+    }
+
+    /// The centre of voxel `[k, j, i]` (km).
+    pub fn voxel_center(&self, [k, j, i]: [usize; 3]) -> DVec3 {
+        self.origin + self.spacing * (DVec3::new(i as f64, j as f64, k as f64) + 0.5)
+    }
+
+    /// Number of voxels.
+    pub fn len(&self) -> usize {
+        self.shape.iter().product()
+    }
+
+    /// Never true: a grid has at least one voxel.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Coordinates of the voxel centres along x, y, z (km).
+    pub fn axes(&self) -> [Vec<f64>; 3] {
+        let [nz, ny, nx] = self.shape;
+        let axis = |origin: f64, step: f64, n: usize| {
+            (0..n).map(|index| origin + step * (index as f64 + 0.5)).collect()
+        };
+        [
+            axis(self.origin.x, self.spacing.x, nx),
+            axis(self.origin.y, self.spacing.y, ny),
+            axis(self.origin.z, self.spacing.z, nz),
+        ]
+    }
+
+    /// Whether two grids are the same within a millionth of a voxel.
+    pub fn matches(&self, other: &Grid) -> bool {
+        let tolerance = self.spacing * 1e-6;
+        self.shape == other.shape
+            && (self.origin - other.origin).abs().cmple(tolerance).all()
+            && (self.spacing - other.spacing).abs().cmple(tolerance).all()
+    }
+
+    /// An error unless `shape` is this grid's.
+    pub(crate) fn check_shape(&self, what: &str, shape: &[usize]) -> Result<()> {
+        if shape == self.shape {
+            return Ok(());
+        }
+        Err(Error::mismatch(
+            format!("shape [z, y, x] of {what}"),
+            format!("{:?}", self.shape),
+            format!("{shape:?}"),
+            "give an array on the grid's own shape",
+        ))
+    }
+}
+
+/// A scalar field on a [`Grid`]: cell averages at cell centres, array `[z, y, x]`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Volume {
+    /// Where the voxels are.
+    pub grid: Grid,
+    /// The value of each voxel, shape `grid.shape`.
+    pub values: Array3<f32>,
+}
+
+impl Volume {
+    /// A volume from its values.
+    ///
+    /// # Errors
+    /// When the shape of `values` is not `grid.shape`.
+    pub fn new(grid: Grid, values: Array3<f32>) -> Result<Self> {
+        grid.check_shape("the volume", values.shape())?;
+        Ok(Self { grid, values })
+    }
+
+    /// The same value everywhere.
+    pub fn constant(grid: Grid, value: f32) -> Self {
+        Self { grid, values: Array3::from_elem(grid.shape, value) }
+    }
+
+    /// An error unless every value is finite and not negative.
+    ///
+    /// # Errors
+    /// Names `quantity`, the first voxel at fault and its value.
+    pub fn check_non_negative(&self, quantity: &'static str) -> Result<()> {
+        match self.values.indexed_iter().find(|(_, value)| !(value.is_finite() && **value >= 0.0)) {
+            None => Ok(()),
+            Some(((k, j, i), value)) => Err(Error::out_of_range(
+                quantity,
+                format!("{value} at voxel [z {k}, y {j}, x {i}]"),
+                "finite and not negative",
+            )),
+        }
+    }
+}
+
+/// A yes or no for every voxel of a [`Grid`], array `[z, y, x]`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Mask {
+    /// Where the voxels are.
+    pub grid: Grid,
+    /// Whether each voxel is inside, shape `grid.shape`.
+    pub values: Array3<bool>,
+}
+
+impl Mask {
+    /// A mask from its values.
+    ///
+    /// # Errors
+    /// When the shape of `values` is not `grid.shape`.
+    pub fn new(grid: Grid, values: Array3<bool>) -> Result<Self> {
+        grid.check_shape("the mask", values.shape())?;
+        Ok(Self { grid, values })
+    }
+
+    /// Number of voxels inside.
+    pub fn count(&self) -> usize {
+        self.values.iter().filter(|inside| **inside).count()
+    }
+
+    /// Set `volume` to zero outside the mask.
+    ///
+    /// # Errors
+    /// When the volume is not on the mask's grid.
+    pub fn apply(&self, volume: &mut Volume) -> Result<()> {
+        self.grid.check_shape("the volume under the mask", volume.values.shape())?;
+        ndarray::Zip::from(&mut volume.values).and(&self.values).for_each(|value, inside| {
+            if !inside {
+                *value = 0.0;
+            }
+        });
+        Ok(())
+    }
+}

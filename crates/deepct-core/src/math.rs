@@ -1,0 +1,82 @@
+//! Directions and rays.
+//!
+//! Right-handed axes: x east, y north, z up. Angles are in radians here; degrees
+//! exist only at the edges of the program, in names that end in `_deg`.
+
+pub use glam::DVec3;
+
+/// A half-line in space: `origin + distance * direction`, distance in km.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Ray {
+    /// Where the ray starts (km).
+    pub origin: DVec3,
+    /// Unit vector along the ray.
+    pub direction: DVec3,
+}
+
+impl Ray {
+    /// The point at `distance` km along the ray.
+    pub fn at(&self, distance: f64) -> DVec3 {
+        self.origin + distance * self.direction
+    }
+}
+
+/// Unit vector that points to where an observer at the scene sees something at
+/// `zenith` from +z and `azimuth` clockwise from north (both in radians).
+pub fn towards(zenith: f64, azimuth: f64) -> DVec3 {
+    let (sin_zenith, cos_zenith) = zenith.sin_cos();
+    let (sin_azimuth, cos_azimuth) = azimuth.sin_cos();
+    DVec3::new(sin_zenith * sin_azimuth, sin_zenith * cos_azimuth, cos_zenith)
+}
+
+/// The zenith and azimuth (radians, azimuth in `[0, 2 pi)`) of a vector that points
+/// away from the scene; the inverse of [`towards`].
+pub fn zenith_and_azimuth(vector: DVec3) -> (f64, f64) {
+    let horizontal = vector.x.hypot(vector.y);
+    let zenith = horizontal.atan2(vector.z);
+    if horizontal == 0.0 {
+        return (zenith, 0.0);
+    }
+    (zenith, vector.x.atan2(vector.y).rem_euclid(std::f64::consts::TAU))
+}
+
+/// Rotate the unit vector `axis` by a polar angle of the given cosine and an azimuth
+/// (radians) around itself: how a scattering angle becomes a new direction.
+///
+/// The frame around `axis` is that of Duff et al. (2017), "Building an orthonormal
+/// basis, revisited", which has no special case at the poles.
+#[inline]
+pub fn deflect(axis: DVec3, cosine: f64, azimuth: f64) -> DVec3 {
+    let sine = (1.0 - cosine * cosine).max(0.0).sqrt();
+    let sign = 1.0_f64.copysign(axis.z);
+    let a = -1.0 / (sign + axis.z);
+    let b = axis.x * axis.y * a;
+    let tangent = DVec3::new(1.0 + sign * axis.x * axis.x * a, sign * b, -sign * axis.x);
+    let bitangent = DVec3::new(b, sign + axis.y * axis.y * a, -axis.y);
+    let (sin_azimuth, cos_azimuth) = azimuth.sin_cos();
+    (sine * cos_azimuth * tangent + sine * sin_azimuth * bitangent + cosine * axis).normalize()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn azimuth_is_clockwise_from_north() {
+        let east = towards(std::f64::consts::FRAC_PI_2, std::f64::consts::FRAC_PI_2);
+        assert!((east - DVec3::X).length() < 1e-12);
+        let (zenith, azimuth) = zenith_and_azimuth(towards(0.7, 4.0));
+        assert!((zenith - 0.7).abs() < 1e-12 && (azimuth - 4.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn deflection_keeps_length_and_angle() {
+        for axis in [DVec3::Z, -DVec3::Z, DVec3::X, towards(1.1, 2.2)] {
+            for cosine in [-1.0, -0.3, 0.0, 0.999, 1.0] {
+                let turned = deflect(axis, cosine, 0.8);
+                assert!((turned.length() - 1.0).abs() < 1e-12);
+                assert!((turned.dot(axis) - cosine).abs() < 1e-12);
+            }
+        }
+    }
+}

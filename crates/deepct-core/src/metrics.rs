@@ -1,0 +1,1 @@
+//! Scores: how far an estimate is from the truth.

@@ -1,0 +1,1 @@
+//! The network: layers, weights, and the plan that runs them.

@@ -1,0 +1,186 @@
+//! The scene: a medium, the Sun above it, the surface below it; and the views of it.
+
+mod formation;
+mod view;
+
+pub use formation::{EARTH_RADIUS_KM, Formation};
+pub use view::{Projection, View};
+
+use crate::error::{Error, Result};
+use crate::image::{ViewGeometry, ViewStack};
+use crate::math::{DVec3, towards};
+use crate::optics::Medium;
+
+/// The Sun: a beam of parallel light.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sun {
+    /// Angle between +z and the Sun (radians).
+    pub zenith: f64,
+    /// Azimuth towards the Sun, clockwise from north (radians).
+    pub azimuth: f64,
+    /// Flux through a surface normal to the beam.
+    pub irradiance: f64,
+}
+
+impl Sun {
+    /// A Sun of unit irradiance from its zenith and azimuth in degrees.
+    ///
+    /// # Errors
+    /// A zenith outside `[0, 90)` degrees, or an azimuth that is not finite.
+    pub fn from_degrees(zenith_deg: f64, azimuth_deg: f64) -> Result<Self> {
+        if !(0.0..90.0).contains(&zenith_deg) {
+            return Err(Error::out_of_range("solar zenith", zenith_deg, "in [0, 90) degrees"));
+        }
+        if !azimuth_deg.is_finite() {
+            return Err(Error::out_of_range("solar azimuth", azimuth_deg, "finite (degrees)"));
+        }
+        let (zenith, azimuth) = (zenith_deg.to_radians(), azimuth_deg.to_radians());
+        Ok(Self { zenith, azimuth, irradiance: 1.0 })
+    }
+
+    /// Unit vector from the scene towards the Sun.
+    pub fn towards(&self) -> DVec3 {
+        towards(self.zenith, self.azimuth)
+    }
+}
+
+impl Default for Sun {
+    /// The paper's Sun: zenith 30 degrees, azimuth 45 degrees, unit irradiance.
+    fn default() -> Self {
+        let (zenith, azimuth) = (30_f64.to_radians(), 45_f64.to_radians());
+        Self { zenith, azimuth, irradiance: 1.0 }
+    }
+}
+
+/// A Lambertian surface below the scene: a horizontal plane without end.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Surface {
+    /// Share of the incoming flux that is reflected, in `[0, 1]`.
+    pub albedo: f64,
+    /// Altitude of the plane (km), at or below the bottom of the medium.
+    pub altitude: f64,
+}
+
+impl Surface {
+    /// A surface that reflects nothing.
+    pub const BLACK: Self = Self { albedo: 0.0, altitude: 0.0 };
+    /// The dark ocean of the paper's simulations.
+    pub const OCEAN: Self = Self { albedo: 0.05, altitude: 0.0 };
+}
+
+/// What is beyond the horizontal sides of the grid.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Boundary {
+    /// Clear air: light enters and leaves through the sides.
+    #[default]
+    Open,
+    /// The same field again and again.
+    Periodic,
+}
+
+/// Everything that light meets.
+#[derive(Debug, Clone)]
+pub struct Scene {
+    /// The cloud's optics.
+    pub medium: Medium,
+    /// Where the light comes from.
+    pub sun: Sun,
+    /// What is below.
+    pub surface: Surface,
+    /// What is beyond the sides.
+    pub boundary: Boundary,
+}
+
+impl Scene {
+    /// A scene with open sides.
+    ///
+    /// # Errors
+    /// A surface albedo outside `[0, 1]`, or a surface above the medium's bottom.
+    pub fn new(medium: Medium, sun: Sun, surface: Surface) -> Result<Self> {
+        if !(0.0..=1.0).contains(&surface.albedo) {
+            return Err(Error::out_of_range("surface albedo", surface.albedo, "between 0 and 1"));
+        }
+        let bottom = medium.extinction.grid.lower().z;
+        if surface.altitude.is_nan() || surface.altitude > bottom {
+            return Err(Error::out_of_range(
+                "surface altitude",
+                format!("{} km", surface.altitude),
+                format!("at or below the bottom of the grid ({bottom} km)"),
+            ));
+        }
+        Ok(Self { medium, sun, surface, boundary: Boundary::Open })
+    }
+
+    /// The same scene with other sides.
+    pub fn with_boundary(self, boundary: Boundary) -> Self {
+        Self { boundary, ..self }
+    }
+}
+
+/// The images of a scene together with how they were taken: what a file of images
+/// holds, and all that a reconstruction may know.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Observation {
+    /// Where the light came from.
+    pub sun: Sun,
+    /// Where the cameras were, one per image.
+    pub views: Vec<View>,
+    /// Wavelength (um).
+    pub wavelength: f64,
+    /// Radiance (1/sr).
+    pub images: ViewStack,
+    /// Standard error of the radiance (1/sr), where it is known.
+    pub standard_error: Option<ViewStack>,
+}
+
+impl Observation {
+    /// An observation at 672 nm without a standard error.
+    ///
+    /// # Errors
+    /// When the images are not one per view, or not of the views' size.
+    pub fn new(sun: Sun, views: Vec<View>, images: ViewStack) -> Result<Self> {
+        let [count, rows, cols] = images.shape();
+        if views.len() != count {
+            return Err(Error::mismatch(
+                "number of views",
+                views.len(),
+                count,
+                "give one image per view",
+            ));
+        }
+        if let Some(view) = views.iter().find(|view| (view.rows, view.cols) != (rows, cols)) {
+            return Err(Error::mismatch(
+                "image size [row, col]",
+                format!("[{}, {}]", view.rows, view.cols),
+                format!("[{rows}, {cols}]"),
+                "give images of the size that the views say",
+            ));
+        }
+        Ok(Self { sun, views, wavelength: 0.672, images, standard_error: None })
+    }
+
+    /// The geometry in plain numbers.
+    pub fn geometry(&self) -> ViewGeometry {
+        ViewGeometry {
+            sun_zenith_deg: self.sun.zenith.to_degrees(),
+            sun_azimuth_deg: self.sun.azimuth.to_degrees(),
+            view_zenith_deg: self.views.iter().map(|view| view.zenith().to_degrees()).collect(),
+            view_azimuth_deg: self.views.iter().map(|view| view.azimuth().to_degrees()).collect(),
+            pixel_km: self.views.iter().map(View::pixel_km).collect(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_sun_stands_in_the_north_east() {
+        let sun = Sun::default().towards();
+        assert!((sun.x - 0.353_553).abs() < 1e-6 && (sun.y - 0.353_553).abs() < 1e-6);
+        assert!((sun.z - 0.866_025).abs() < 1e-6);
+        assert!(Sun::from_degrees(90.0, 0.0).is_err());
+        assert!(Sun::from_degrees(f64::NAN, 0.0).is_err());
+    }
+}

@@ -1,0 +1,220 @@
+//! A view: a camera, where it stands and where it looks.
+
+use crate::error::{Error, Result};
+use crate::math::{DVec3, Ray, zenith_and_azimuth};
+
+/// How a camera maps points to pixels.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Projection {
+    /// Rays meet in the camera; the image plane is normal to the line of sight.
+    Perspective {
+        /// Where the camera is (km).
+        position: DVec3,
+        /// Size of a pixel over focal length: its tangent seen from the camera.
+        pixel_tangent: f64,
+    },
+    /// Parallel rays; pixels are squares in the horizontal plane through the target.
+    Orthographic {
+        /// Unit vector from the scene towards the camera.
+        towards: DVec3,
+        /// Size of a pixel in the plane (km).
+        pixel_km: f64,
+    },
+}
+
+/// A camera that looks at a target: row grows to the north and column to the east.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct View {
+    /// The point that the middle of the image shows (km).
+    pub target: DVec3,
+    /// How points become pixels.
+    pub projection: Projection,
+    /// Number of rows.
+    pub rows: usize,
+    /// Number of columns.
+    pub cols: usize,
+}
+
+impl View {
+    /// A perspective camera at `position` (km) that looks at `target` (km), with
+    /// pixels of the given size over focal length.
+    ///
+    /// # Errors
+    /// A camera that is not above its target, a pixel size that is not positive, or
+    /// an empty image.
+    pub fn perspective(
+        position: DVec3,
+        target: DVec3,
+        pixel_tangent: f64,
+        [rows, cols]: [usize; 2],
+    ) -> Result<Self> {
+        let projection = Projection::Perspective { position, pixel_tangent };
+        Self { target, projection, rows, cols }.checked(pixel_tangent)
+    }
+
+    /// Parallel rays towards a camera at infinity in direction `towards` (unit
+    /// vector), with pixels of `pixel_km` in the horizontal plane through `target`.
+    ///
+    /// # Errors
+    /// As [`View::perspective`].
+    pub fn orthographic(
+        towards: DVec3,
+        target: DVec3,
+        pixel_km: f64,
+        [rows, cols]: [usize; 2],
+    ) -> Result<Self> {
+        let projection = Projection::Orthographic { towards: towards.normalize(), pixel_km };
+        Self { target, projection, rows, cols }.checked(pixel_km)
+    }
+
+    fn checked(self, pixel: f64) -> Result<Self> {
+        if !(pixel.is_finite() && pixel > 0.0) {
+            return Err(Error::out_of_range("pixel size", pixel, "positive and finite"));
+        }
+        if self.rows == 0 || self.cols == 0 {
+            return Err(Error::out_of_range(
+                "image size [row, col]",
+                format!("[{}, {}]", self.rows, self.cols),
+                "at least 1 along each axis",
+            ));
+        }
+        let towards = self.towards();
+        if !(towards.is_finite() && self.target.is_finite() && towards.z > 1e-3) {
+            return Err(Error::out_of_range(
+                "view direction",
+                towards,
+                "upwards from the target to the camera",
+            ));
+        }
+        Ok(self)
+    }
+
+    /// Unit vector from the target towards the camera.
+    pub fn towards(&self) -> DVec3 {
+        match self.projection {
+            Projection::Perspective { position, .. } => (position - self.target).normalize(),
+            Projection::Orthographic { towards, .. } => towards,
+        }
+    }
+
+    /// Angle at the scene between +z and the camera (radians).
+    pub fn zenith(&self) -> f64 {
+        zenith_and_azimuth(self.towards()).0
+    }
+
+    /// Azimuth at the scene towards the camera, clockwise from north (radians).
+    pub fn azimuth(&self) -> f64 {
+        zenith_and_azimuth(self.towards()).1
+    }
+
+    /// Size of a pixel at the target (km): square-on to the line of sight for a
+    /// perspective camera, in the horizontal plane for an orthographic one.
+    pub fn pixel_km(&self) -> f64 {
+        match self.projection {
+            Projection::Perspective { position, pixel_tangent } => {
+                position.distance(self.target) * pixel_tangent
+            }
+            Projection::Orthographic { pixel_km, .. } => pixel_km,
+        }
+    }
+
+    /// The image axes as unit vectors: column (east) and row (north), both normal to
+    /// the line of sight.
+    fn axes(&self) -> (DVec3, DVec3) {
+        let towards = self.towards();
+        let col = (DVec3::X - DVec3::X.dot(towards) * towards).normalize();
+        (col, towards.cross(col))
+    }
+
+    /// The line of sight through a point of the image, from the camera into the
+    /// scene. `row` and `col` are continuous: pixel `[r, c]` spans `r..r+1, c..c+1`.
+    ///
+    /// The ray of an orthographic view starts 1000 km before the target plane.
+    #[inline]
+    pub fn ray(&self, row: f64, col: f64) -> Ray {
+        let (row, col) = (row - 0.5 * self.rows as f64, col - 0.5 * self.cols as f64);
+        match self.projection {
+            Projection::Perspective { position, pixel_tangent } => {
+                let (col_axis, row_axis) = self.axes();
+                let direction = pixel_tangent * (col * col_axis + row * row_axis) - self.towards();
+                Ray { origin: position, direction: direction.normalize() }
+            }
+            Projection::Orthographic { towards, pixel_km } => {
+                let point = self.target + pixel_km * DVec3::new(col, row, 0.0);
+                Ray { origin: point + 1000.0 * towards, direction: -towards }
+            }
+        }
+    }
+
+    /// Where a point of the scene falls in the image, as continuous `(row, col)`; a
+    /// result outside `0..rows, 0..cols` is outside the frame. `None` for a point
+    /// behind the camera.
+    #[inline]
+    pub fn project(&self, point: DVec3) -> Option<(f64, f64)> {
+        let (row, col) = match self.projection {
+            Projection::Perspective { position, pixel_tangent } => {
+                let (col_axis, row_axis) = self.axes();
+                let offset = point - position;
+                let depth = -offset.dot(self.towards());
+                if depth <= 0.0 {
+                    return None;
+                }
+                let scale = 1.0 / (depth * pixel_tangent);
+                (offset.dot(row_axis) * scale, offset.dot(col_axis) * scale)
+            }
+            Projection::Orthographic { towards, pixel_km } => {
+                let offset = point - self.target;
+                let foot = offset - offset.z / towards.z * towards;
+                (foot.y / pixel_km, foot.x / pixel_km)
+            }
+        };
+        Some((row + 0.5 * self.rows as f64, col + 0.5 * self.cols as f64))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::towards;
+
+    #[test]
+    fn a_ray_and_the_projection_are_inverse() {
+        let target = DVec3::new(0.8, 0.7, 1.1);
+        for (zenith, azimuth) in [(0.0, 0.0), (0.8, 0.0), (0.8, 3.1), (1.2, 0.9), (1.0, 4.7)] {
+            let towards = towards(zenith, azimuth);
+            let views = [
+                View::perspective(target + 700.0 * towards, target, 5e-5, [32, 40]).unwrap(),
+                View::orthographic(towards, target, 0.05, [32, 40]).unwrap(),
+            ];
+            for view in views {
+                assert!((view.zenith() - zenith).abs() < 1e-9);
+                for (row, col) in [(0.0, 0.0), (16.0, 20.0), (31.2, 3.3)] {
+                    let ray = view.ray(row, col);
+                    for distance in [690.0, 703.0] {
+                        let (r, c) = view.project(ray.at(distance)).unwrap();
+                        assert!((r - row).abs() < 1e-6 && (c - col).abs() < 1e-6);
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn row_grows_to_the_north_and_col_to_the_east() {
+        let target = DVec3::new(0.0, 0.0, 1.0);
+        for zenith in [-1.2, -0.5, 0.0, 0.5, 1.2] {
+            let towards = towards(zenith, 0.0);
+            let view = View::perspective(target + 700.0 * towards, target, 7e-5, [8, 8]).unwrap();
+            let (row, col) = view.project(target + DVec3::new(0.02, 0.03, 0.0)).unwrap();
+            assert!(row > 4.0 && col > 4.0, "zenith {zenith}: {row}, {col}");
+        }
+    }
+
+    #[test]
+    fn a_camera_below_the_horizon_is_refused() {
+        let down = DVec3::new(0.0, 0.0, -1.0);
+        assert!(View::orthographic(down, DVec3::ZERO, 0.05, [8, 8]).is_err());
+        assert!(View::perspective(DVec3::ZERO, DVec3::ZERO, 1e-5, [8, 8]).is_err());
+        assert!(View::orthographic(DVec3::Z, DVec3::ZERO, 0.0, [8, 8]).is_err());
+    }
+}

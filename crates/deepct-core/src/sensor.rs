@@ -1,0 +1,1 @@
+//! The sensor: from radiance to electrons to counts and back.

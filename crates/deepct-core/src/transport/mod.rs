@@ -1,0 +1,1 @@
+//! Radiative transfer: from a scene to its images.
