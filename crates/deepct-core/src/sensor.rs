@@ -1,1 +1,360 @@
 //! The sensor: from radiance to electrons to counts and back.
+//!
+//! Photons arrive at random, the pixel adds dark charge, the readout adds noise, and
+//! the converter rounds to grey levels and saturates. The variance of a pixel is that
+//! of the paper (Sde-Chen et al. 2021, section 2.2):
+//! `V = i + D dt + read^2 + g^2 / 12` in electrons squared.
+
+use crate::error::{Error, Result};
+use crate::image::ViewStack;
+use crate::rng::{Purpose, Stream, stream};
+use rand_distr::{Distribution, Normal, Poisson};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+
+/// The most bits of a converter that is accepted.
+const MAX_BITS: u32 = 24;
+
+/// A sensor by the numbers of its data sheet.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Sensor {
+    /// The charge that fills a pixel (electrons).
+    pub full_well: f64,
+    /// Standard deviation of the readout (electrons).
+    pub read_noise: f64,
+    /// Charge that gathers without light (electrons per second).
+    pub dark_current: f64,
+    /// Bits of the converter: the full well is divided into `2^bits` grey levels.
+    pub bits: u32,
+    /// Exposure time (seconds).
+    pub exposure: f64,
+    /// Distance between pixels on the chip (um). It does not enter the noise: the
+    /// view says which part of the scene a pixel sees.
+    pub pixel_pitch: f64,
+}
+
+/// How radiance becomes charge.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Scale {
+    /// The brightest pixel over all views fills its well, as in the paper.
+    BrightestAtFullWell,
+    /// Electrons for a radiance of 1/sr.
+    ElectronsPerRadiance(f64),
+}
+
+/// What a sensor made of a stack of images.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Sensed {
+    /// Radiance (1/sr) as read from the grey levels, the mean dark charge subtracted:
+    /// a pixel without light may come out slightly negative.
+    pub images: ViewStack,
+    /// Standard deviation of each pixel's noise (1/sr), from the charge that was
+    /// read, as one who has only the images would say.
+    pub noise: ViewStack,
+    /// The factor that was used (electrons sr).
+    pub electrons_per_radiance: f64,
+}
+
+impl Sensor {
+    /// The CMV4000 of the paper at 25 degrees Celsius (ams, CMV4000 data sheet).
+    pub const CMV4000: Self = Self {
+        full_well: 13_500.0,
+        read_noise: 13.0,
+        dark_current: 125.0,
+        bits: 10,
+        exposure: 762e-6,
+        pixel_pitch: 5.5,
+    };
+
+    /// The names of the presets.
+    pub const PRESETS: [&'static str; 1] = ["cmv4000"];
+
+    /// The preset of that name.
+    pub fn preset(name: &str) -> Option<Self> {
+        (name == "cmv4000").then_some(Self::CMV4000)
+    }
+
+    /// A sensor from a TOML file with one line for each field of [`Sensor`].
+    ///
+    /// # Errors
+    /// A file that cannot be read, a missing or unknown key, a number out of range.
+    pub fn from_file(path: &Path) -> Result<Self> {
+        let remedy = "give full_well, read_noise (electrons), dark_current (electrons/s), bits, \
+                      exposure (s) and pixel_pitch (um)";
+        let text = std::fs::read_to_string(path).map_err(Error::io(path))?;
+        let sensor: Self = toml::from_str(&text).map_err(|problem| {
+            Error::file(path, "sensor", problem.message().replace('\n', " "), remedy)
+        })?;
+        sensor
+            .check()
+            .map_err(|problem| Error::file(path, "sensor", problem.to_string(), remedy))?;
+        Ok(sensor)
+    }
+
+    /// An error unless every number is one that a sensor can have.
+    ///
+    /// # Errors
+    /// Names the first number at fault.
+    pub fn check(&self) -> Result<()> {
+        let positive = [
+            ("full_well", self.full_well),
+            ("exposure", self.exposure),
+            ("pixel_pitch", self.pixel_pitch),
+        ];
+        for (name, value) in positive {
+            if !(value.is_finite() && value > 0.0) {
+                return Err(Error::out_of_range(name, value, "positive and finite"));
+            }
+        }
+        for (name, value) in [("read_noise", self.read_noise), ("dark_current", self.dark_current)]
+        {
+            if !(value.is_finite() && value >= 0.0) {
+                return Err(Error::out_of_range(name, value, "finite and not negative"));
+            }
+        }
+        if !(1..=MAX_BITS).contains(&self.bits) {
+            return Err(Error::out_of_range(
+                "bits",
+                self.bits,
+                format!("between 1 and {MAX_BITS}"),
+            ));
+        }
+        Ok(())
+    }
+
+    /// Electrons by grey level.
+    pub fn electrons_per_count(&self) -> f64 {
+        self.full_well / f64::from(1_u32 << self.bits)
+    }
+
+    /// The mean dark charge of an exposure (electrons).
+    pub fn dark_charge(&self) -> f64 {
+        self.dark_current * self.exposure
+    }
+
+    /// The paper's variance of a pixel (electrons squared) in which light frees
+    /// `electrons` on average; saturation is not in it.
+    pub fn variance(&self, electrons: f64) -> f64 {
+        let gain = self.electrons_per_count();
+        electrons + self.dark_charge() + self.read_noise * self.read_noise + gain * gain / 12.0
+    }
+
+    /// One readout of a pixel in which light frees `electrons` on average, in
+    /// electrons: dark charge and noise are added, then the charge is rounded to a
+    /// grey level, then the mean dark charge is subtracted.
+    fn read(&self, electrons: f64, read_noise: &Normal<f64>, random: &mut Stream) -> f64 {
+        let expected = electrons + self.dark_charge();
+        // Not defined for a mean of zero, where no charge comes, nor for means so far
+        // above any well that the spread is lost in the saturation.
+        let charge = Poisson::new(expected).map_or(expected, |poisson| poisson.sample(random));
+        let signal = charge + read_noise.sample(random);
+        let gain = self.electrons_per_count();
+        let counts = (signal / gain).round().clamp(0.0, f64::from((1_u32 << self.bits) - 1));
+        counts * gain - self.dark_charge()
+    }
+}
+
+/// What `sensor` makes of images without noise. The result depends on `seed` and not
+/// on the number of threads.
+///
+/// # Errors
+/// A negative radiance, images without light where the brightest pixel sets the
+/// scale, a scale that is not positive, a sensor that fails [`Sensor::check`].
+pub fn sense(images: &ViewStack, sensor: &Sensor, scale: Scale, seed: u64) -> Result<Sensed> {
+    sensor.check()?;
+    check_radiance(images)?;
+    let electrons_per_radiance = electrons_per_radiance(images, sensor, scale)?;
+    let read_noise = Normal::new(0.0, sensor.read_noise).map_err(|problem| {
+        Error::out_of_range("read_noise", sensor.read_noise, problem.to_string())
+    })?;
+    let [_, rows, cols] = images.shape();
+    let mut sensed = images.values.as_standard_layout().into_owned();
+    let pixels = sensed.as_slice_mut().expect("the layout was just made standard");
+    pixels.par_chunks_mut(cols).enumerate().for_each(|(line, pixels)| {
+        let (view, row) = ((line / rows) as u64, (line % rows) as u64);
+        let mut random = stream(seed, Purpose::Sensor, &[view, row]);
+        for radiance in pixels {
+            let electrons = f64::from(*radiance) * electrons_per_radiance;
+            let read = sensor.read(electrons, &read_noise, &mut random);
+            *radiance = (read / electrons_per_radiance) as f32;
+        }
+    });
+    let noise = sensed.mapv(|radiance| {
+        let electrons = (f64::from(radiance) * electrons_per_radiance).max(0.0);
+        (sensor.variance(electrons).sqrt() / electrons_per_radiance) as f32
+    });
+    let (images, noise) = (ViewStack::new(sensed)?, ViewStack::new(noise)?);
+    Ok(Sensed { images, noise, electrons_per_radiance })
+}
+
+fn electrons_per_radiance(images: &ViewStack, sensor: &Sensor, scale: Scale) -> Result<f64> {
+    match scale {
+        Scale::ElectronsPerRadiance(factor) if factor.is_finite() && factor > 0.0 => Ok(factor),
+        Scale::ElectronsPerRadiance(factor) => {
+            Err(Error::out_of_range("scale", factor, "positive and finite (electrons sr)"))
+        }
+        Scale::BrightestAtFullWell => {
+            let brightest = f64::from(images.brightest());
+            if brightest > 0.0 {
+                return Ok(sensor.full_well / brightest);
+            }
+            Err(Error::out_of_range(
+                "brightest radiance",
+                brightest,
+                "positive (1/sr) where it sets the scale; give a scale for dark images",
+            ))
+        }
+    }
+}
+
+fn check_radiance(images: &ViewStack) -> Result<()> {
+    match images.values.indexed_iter().find(|(_, value)| **value < 0.0) {
+        None => Ok(()),
+        Some(((view, row, col), value)) => Err(Error::out_of_range(
+            "radiance",
+            format!("{value} at [view {view}, row {row}, col {col}]"),
+            "not negative: give images without noise",
+        )),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use ndarray::Array3;
+
+    /// The CMV4000 with twice the well and the same grey levels: nothing saturates at
+    /// 13,500 electrons.
+    const DEEP: Sensor = Sensor { full_well: 27_000.0, bits: 11, ..Sensor::CMV4000 };
+
+    fn constant(radiance: f32) -> ViewStack {
+        ViewStack::new(Array3::from_elem((4, 200, 250), radiance)).unwrap()
+    }
+
+    fn mean_and_variance(values: &Array3<f32>) -> (f64, f64) {
+        let count = values.len() as f64;
+        let mean = values.iter().map(|&value| f64::from(value)).sum::<f64>() / count;
+        let square = values.iter().map(|&value| (f64::from(value) - mean).powi(2)).sum::<f64>();
+        (mean, square / (count - 1.0))
+    }
+
+    /// Radiance 1 stands for one electron, so moments are in electrons. The mean of
+    /// n pixels has the variance V / n and, near enough to a Gaussian, their sample
+    /// variance has the relative variance 2 / (n - 1): both within 4 deviations.
+    #[test]
+    fn mean_and_variance_are_those_of_the_paper() {
+        for (seed, electrons) in [60.0_f32, 135.0, 1350.0, 6750.0, 13_500.0].into_iter().enumerate()
+        {
+            let images = constant(electrons);
+            let scale = Scale::ElectronsPerRadiance(1.0);
+            let sensed = sense(&images, &DEEP, scale, seed as u64).unwrap().images;
+            let count = sensed.values.len() as f64;
+            let (mean, variance) = mean_and_variance(&sensed.values);
+            let gain = 13_500.0 / 1024.0;
+            let expected = f64::from(electrons) + 125.0 * 762e-6 + 169.0 + gain * gain / 12.0;
+            let electrons = f64::from(electrons);
+            assert!(
+                (mean - electrons).abs() < 4.0 * (expected / count).sqrt(),
+                "{electrons} {mean}"
+            );
+            let spread = (2.0 / (count - 1.0)).sqrt();
+            assert!((variance / expected - 1.0).abs() < 4.0 * spread, "{variance} {expected}");
+        }
+    }
+
+    /// Within half a unit of the last digit of the published ratios.
+    #[test]
+    fn signal_to_noise_of_the_cmv4000() {
+        for (electrons, ratio, half_digit) in
+            [(13_500.0, 115.0, 0.5), (6750.0, 81.0, 0.5), (1350.0, 34.0, 0.5), (135.0, 7.6, 0.05)]
+        {
+            let found: f64 = electrons / Sensor::CMV4000.variance(electrons).sqrt();
+            assert!((found - ratio).abs() < half_digit, "{found} {ratio}");
+        }
+        assert!((Sensor::CMV4000.electrons_per_count() - 13.18).abs() < 0.01);
+        assert!((Sensor::CMV4000.dark_charge() - 0.095).abs() < 0.001);
+    }
+
+    #[test]
+    fn readings_are_grey_levels_and_saturate() {
+        let sensor = Sensor::CMV4000;
+        let images = constant(0.3);
+        let sensed = sense(&images, &sensor, Scale::BrightestAtFullWell, 7).unwrap();
+        assert!((sensed.electrons_per_radiance * f64::from(0.3_f32) - 13_500.0).abs() < 1e-6);
+        let counts = sensed.images.values.mapv(|radiance| {
+            (f64::from(radiance) * sensed.electrons_per_radiance + sensor.dark_charge())
+                / sensor.electrons_per_count()
+        });
+        for count in &counts {
+            assert!((count - count.round()).abs() < 1e-3, "{count} is between grey levels");
+        }
+        let saturated = counts.iter().filter(|count| count.round() == 1023.0).count();
+        assert!(counts.iter().all(|count| count.round() <= 1023.0));
+        // The mean signal is 1024 levels and its noise 9: 56 % round to 1023 or more.
+        assert!((saturated as f64 / counts.len() as f64 - 0.563).abs() < 0.01);
+        let far_above = Scale::ElectronsPerRadiance(1e30);
+        let sensed = sense(&images, &sensor, far_above, 7).unwrap();
+        let top = (1023.0 * sensor.electrons_per_count() - sensor.dark_charge()) / 1e30;
+        assert!(
+            sensed.images.values.iter().all(|&value| (f64::from(value) / top - 1.0).abs() < 1e-6)
+        );
+    }
+
+    #[test]
+    fn the_seed_alone_decides() {
+        let images = constant(0.2);
+        let scale = Scale::ElectronsPerRadiance(10_000.0);
+        let by = |threads, seed| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| sense(&images, &Sensor::CMV4000, scale, seed).unwrap())
+        };
+        assert_eq!(by(1, 3), by(3, 3));
+        assert_ne!(by(1, 3), by(1, 4));
+        let sensed = by(1, 3).images;
+        assert_ne!(sensed.image(0), sensed.image(1));
+    }
+
+    #[test]
+    fn without_light_and_dark_charge_only_the_readout_is_left() {
+        let sensor = Sensor { dark_current: 0.0, read_noise: 0.0, ..Sensor::CMV4000 };
+        let sensed = sense(&constant(0.0), &sensor, Scale::ElectronsPerRadiance(1.0), 1).unwrap();
+        assert!(sensed.images.values.iter().all(|&radiance| radiance == 0.0));
+    }
+
+    #[test]
+    fn what_no_sensor_can_see_is_refused() {
+        let scale = Scale::BrightestAtFullWell;
+        assert!(sense(&constant(-0.1), &Sensor::CMV4000, scale, 1).is_err());
+        assert!(sense(&constant(0.0), &Sensor::CMV4000, scale, 1).is_err());
+        for factor in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+            let scale = Scale::ElectronsPerRadiance(factor);
+            assert!(sense(&constant(0.1), &Sensor::CMV4000, scale, 1).is_err());
+        }
+        let no_bits = Sensor { bits: 0, ..Sensor::CMV4000 };
+        assert!(sense(&constant(0.1), &no_bits, scale, 1).is_err());
+    }
+
+    #[test]
+    fn a_sensor_file_has_every_number_and_no_other() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("sensor.toml");
+        let read = |text: &str| {
+            std::fs::write(&path, text).unwrap();
+            Sensor::from_file(&path)
+        };
+        let text = toml::to_string(&Sensor::CMV4000).unwrap();
+        assert_eq!(read(&text).unwrap(), Sensor::CMV4000);
+        for wrong in [
+            text.replace("bits", "bit_depth"),
+            text.replace("bits = 10", "bits = 64"),
+            text.replace("full_well = 13500.0", "full_well = -1.0"),
+            format!("{text}\ngain = 2.0"),
+            text.replace("exposure", "# exposure"),
+        ] {
+            let message = read(&wrong).unwrap_err().to_string();
+            assert!(message.contains("sensor.toml"), "{message}");
+        }
+    }
+}
