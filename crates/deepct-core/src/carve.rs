@@ -5,12 +5,16 @@
 //! sees the whole voxel and none of those pixels is cloudy. A view that sees only a
 //! part of a voxel, and no cloud there, has no vote: the rest is outside its frame.
 
+mod footprint;
+mod threshold;
+
+pub use threshold::cloud_threshold;
+
 use crate::error::{Error, Result};
 use crate::grid::{Grid, Mask};
-use crate::image::ViewStack;
-use crate::math::DVec3;
 use crate::scene::{Observation, View};
-use ndarray::{Array2, Array3, ArrayView2, ArrayViewMut2, Axis};
+use footprint::{Footprint, corner_pixels};
+use ndarray::{Array2, Array3, ArrayViewMut2, Axis};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -100,167 +104,12 @@ fn carve_level(
     });
 }
 
-/// Where the corners of the voxels at the bottom of level `k` fall in the image, as
-/// continuous `(row, col)`; array `[y, x]`, one longer than the grid along each axis.
-fn corner_pixels(grid: &Grid, k: usize, view: &View) -> Array2<Option<(f64, f64)>> {
-    Array2::from_shape_fn((grid.shape[1] + 1, grid.shape[2] + 1), |(j, i)| {
-        view.project(grid.origin + grid.spacing * DVec3::new(i as f64, j as f64, k as f64))
-    })
-}
-
-/// The corners of a voxel, in the order of [`EDGES`], as they fall in an image.
-struct Footprint([(f64, f64); 8]);
-
-/// The corners at the two ends of each edge of a voxel: corner `4 k + 2 j + i`.
-const EDGES: [(usize, usize); 12] = [
-    (0, 1),
-    (2, 3),
-    (4, 5),
-    (6, 7),
-    (0, 2),
-    (1, 3),
-    (4, 6),
-    (5, 7),
-    (0, 4),
-    (1, 5),
-    (2, 6),
-    (3, 7),
-];
-
-/// Overlaps thinner than this (pixels) are rounding errors.
-const TOUCH: f64 = 1e-6;
-
-impl Footprint {
-    /// The footprint of voxel `[j, i]` of a level from the corners below and above
-    /// it; `None` when a part is behind the camera.
-    fn of_voxel(corners: &[Array2<Option<(f64, f64)>>; 2], j: usize, i: usize) -> Option<Self> {
-        let mut footprint = [(0.0, 0.0); 8];
-        for (number, corner) in footprint.iter_mut().enumerate() {
-            *corner = corners[number >> 2][[j + (number >> 1 & 1), i + (number & 1)]]?;
-        }
-        Some(Self(footprint))
-    }
-
-    /// Whether a cloudy pixel overlaps the footprint; `None` when none does, but the
-    /// footprint is not all inside the frame.
-    fn vote(&self, cloudy: ArrayView2<'_, bool>) -> Option<bool> {
-        let (rows, cols) = (self.range((1.0, 0.0)), self.range((0.0, 1.0)));
-        let (row_count, col_count) = cloudy.dim();
-        let mut edges = None;
-        for row in pixels(rows, row_count) {
-            for col in pixels(cols, col_count) {
-                if cloudy[[row, col]]
-                    && self.overlaps(edges.get_or_insert_with(|| self.edges()), row, col)
-                {
-                    return Some(true);
-                }
-            }
-        }
-        let inside =
-            |(low, high): (f64, f64), count: usize| low >= -TOUCH && high <= count as f64 + TOUCH;
-        (inside(rows, row_count) && inside(cols, col_count)).then_some(false)
-    }
-
-    /// The least and the greatest product of a corner with `normal`.
-    fn range(&self, normal: (f64, f64)) -> (f64, f64) {
-        self.0.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), corner| {
-            let product = corner.0 * normal.0 + corner.1 * normal.1;
-            (low.min(product), high.max(product))
-        })
-    }
-
-    /// Unit normals of the projected edges of the voxel, among them all sides of the
-    /// footprint, with the footprint's range along each.
-    fn edges(&self) -> Vec<((f64, f64), (f64, f64))> {
-        EDGES
-            .iter()
-            .filter_map(|&(from, to)| {
-                let (from, to) = (self.0[from], self.0[to]);
-                let (row, col) = (to.0 - from.0, to.1 - from.1);
-                let length = row.hypot(col);
-                let normal = (col / length, -row / length);
-                (length > TOUCH).then(|| (normal, self.range(normal)))
-            })
-            .collect()
-    }
-
-    /// Whether a pixel overlaps the footprint: two convex figures do unless they lie
-    /// on different sides of a line along a side of one of them (the pixel's own
-    /// sides are tested by the range of pixels looked at).
-    fn overlaps(&self, edges: &[((f64, f64), (f64, f64))], row: usize, col: usize) -> bool {
-        edges.iter().all(|&((row_part, col_part), (low, high))| {
-            let middle = (row as f64 + 0.5) * row_part + (col as f64 + 0.5) * col_part;
-            let half = 0.5 * (row_part.abs() + col_part.abs());
-            middle + half > low + TOUCH && middle - half < high - TOUCH
-        })
-    }
-}
-
-/// The pixels along one axis of an image that a range overlaps.
-fn pixels((low, high): (f64, f64), count: usize) -> std::ops::Range<usize> {
-    // A cast from a float saturates, so what is outside the frame comes out empty.
-    let first = (low + TOUCH).floor() as usize;
-    let last = (high - TOUCH).ceil() as usize;
-    first..last.min(count)
-}
-
-/// The radiance (1/sr) between clear sky over a dark surface and cloud, from the
-/// histogram of all views: the split of the logarithm of radiance into two classes
-/// that leaves the least variance within them (Otsu 1979, "A threshold selection
-/// method from gray-level histograms").
-///
-/// # Errors
-/// Images in which fewer than two different positive radiances occur.
-pub fn cloud_threshold(images: &ViewStack) -> Result<f32> {
-    const BINS: usize = 256;
-    let logs: Vec<f64> = images
-        .values
-        .iter()
-        .filter(|radiance| **radiance > 0.0)
-        .map(|&radiance| f64::from(radiance).ln())
-        .collect();
-    let low = logs.iter().copied().fold(f64::INFINITY, f64::min);
-    let high = logs.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    if low.partial_cmp(&high) != Some(std::cmp::Ordering::Less) {
-        return Err(Error::out_of_range(
-            "radiance",
-            format!("{} everywhere", images.brightest()),
-            "of at least two positive values where a threshold is to be found; give a threshold",
-        ));
-    }
-    let width = (high - low) / BINS as f64;
-    let mut histogram = [0.0_f64; BINS];
-    for log in logs {
-        histogram[(((log - low) / width) as usize).min(BINS - 1)] += 1.0;
-    }
-    Ok((low + otsu(&histogram) as f64 * width).exp() as f32)
-}
-
-/// The number of bins in the lower class of Otsu's split.
-fn otsu(histogram: &[f64]) -> usize {
-    let total: f64 = histogram.iter().sum();
-    let moment: f64 = histogram.iter().enumerate().map(|(bin, count)| bin as f64 * count).sum();
-    let (mut below, mut moment_below) = (0.0, 0.0);
-    let mut best = (0.0, 1);
-    for (bin, count) in histogram.iter().enumerate() {
-        below += count;
-        moment_below += bin as f64 * count;
-        let above = total - below;
-        if below > 0.0 && above > 0.0 {
-            let difference = moment_below / below - (moment - moment_below) / above;
-            let between = below * above * difference * difference;
-            if between > best.0 {
-                best = (between, bin + 1);
-            }
-        }
-    }
-    best.1
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::grid::Volume;
+    use crate::image::ViewStack;
+    use crate::math::DVec3;
     use crate::metrics::score_mask;
     use crate::scene::{Formation, Sun};
     use crate::traverse::walk;
@@ -351,87 +200,6 @@ mod tests {
             let scores = score_mask(&volume, &carved).unwrap();
             assert_eq!(scores.extinction_missed, 0.0);
             assert!(scores.false_positive < 0.25, "{scores:?}");
-        }
-    }
-
-    /// Twice the signed area spanned by three points.
-    fn turn(a: (f64, f64), b: (f64, f64), c: (f64, f64)) -> f64 {
-        (b.0 - a.0) * (c.1 - a.1) - (b.1 - a.1) * (c.0 - a.0)
-    }
-
-    /// The convex hull of points (Andrew 1979), counter-clockwise.
-    fn hull(mut points: Vec<(f64, f64)>) -> Vec<(f64, f64)> {
-        points.sort_by(|a, b| a.partial_cmp(b).unwrap());
-        let half = |points: &mut dyn Iterator<Item = (f64, f64)>| {
-            let mut chain: Vec<(f64, f64)> = Vec::new();
-            for point in points {
-                while let [.., a, b] = chain[..]
-                    && turn(a, b, point) <= 0.0
-                {
-                    chain.pop();
-                }
-                chain.push(point);
-            }
-            chain.pop();
-            chain
-        };
-        let mut chain = half(&mut points.iter().copied());
-        chain.extend(half(&mut points.iter().rev().copied()));
-        chain
-    }
-
-    /// The area that a convex polygon shares with a pixel, by cutting the polygon off
-    /// at each side of the pixel (Sutherland and Hodgman 1974).
-    fn shared_area(mut polygon: Vec<(f64, f64)>, row: f64, col: f64) -> f64 {
-        let corners = [(row, col), (row + 1.0, col), (row + 1.0, col + 1.0), (row, col + 1.0)];
-        for side in 0..4 {
-            let (from, to) = (corners[side], corners[(side + 1) % 4]);
-            let mut cut = Vec::new();
-            for (index, &point) in polygon.iter().enumerate() {
-                let before = polygon[(index + polygon.len() - 1) % polygon.len()];
-                let (a, b) = (turn(from, to, before), turn(from, to, point));
-                if (a < 0.0) != (b < 0.0) {
-                    let share = a / (a - b);
-                    let between = |a: f64, b: f64| a + share * (b - a);
-                    cut.push((between(before.0, point.0), between(before.1, point.1)));
-                }
-                if b >= 0.0 {
-                    cut.push(point);
-                }
-            }
-            polygon = cut;
-        }
-        let origin = (row, col);
-        polygon
-            .iter()
-            .zip(polygon.iter().cycle().skip(1))
-            .map(|(&a, &b)| turn(origin, a, b))
-            .sum::<f64>()
-            / 2.0
-    }
-
-    #[test]
-    fn the_pixels_of_a_voxel_are_those_that_share_area_with_it() {
-        let grid = grid();
-        for view in Formation::pearls_32().views(grid.center(), [26, 26]).unwrap() {
-            for k in [0, 9] {
-                let corners = [corner_pixels(&grid, k, &view), corner_pixels(&grid, k + 1, &view)];
-                for (j, i) in [(0, 0), (4, 11), (8, 3), (12, 15)] {
-                    let footprint = Footprint::of_voxel(&corners, j, i).unwrap();
-                    let polygon = hull(footprint.0.to_vec());
-                    for (row, col) in (0..26).flat_map(|row| (0..26).map(move |col| (row, col))) {
-                        let mut cloudy = Array2::from_elem((26, 26), false);
-                        cloudy[[row, col]] = true;
-                        let shared = shared_area(polygon.clone(), row as f64, col as f64);
-                        let vote = footprint.vote(cloudy.view()) == Some(true);
-                        assert_eq!(
-                            vote,
-                            shared > 1e-12,
-                            "{view:?} {k} {j} {i} {row} {col} {shared}"
-                        );
-                    }
-                }
-            }
         }
     }
 

@@ -1,0 +1,201 @@
+//! What of an image shows one voxel.
+
+use crate::grid::Grid;
+use crate::math::DVec3;
+use crate::scene::View;
+use glam::DVec2;
+use ndarray::{Array2, ArrayView2};
+
+/// Overlaps thinner than this (pixels) are rounding errors.
+const TOUCH: f64 = 1e-6;
+
+/// The corners at the two ends of each edge of a voxel. Corner `4 k + 2 j + i` is the
+/// upper one along z if `k`, y if `j`, x if `i` is 1.
+const EDGES: [(usize, usize); 12] = [
+    (0, 1),
+    (2, 3),
+    (4, 5),
+    (6, 7),
+    (0, 2),
+    (1, 3),
+    (4, 6),
+    (5, 7),
+    (0, 4),
+    (1, 5),
+    (2, 6),
+    (3, 7),
+];
+
+/// Where the corners of a layer of voxels fall in an image: `(row, col)`, `None`
+/// behind the camera.
+pub(super) type CornerPixels = Array2<Option<DVec2>>;
+
+/// The pixels of the corners at the bottom of level `k` of a grid (the top of the
+/// grid for `k = nz`); array `[y, x]`, one longer than the grid along each axis.
+pub(super) fn corner_pixels(grid: &Grid, k: usize, view: &View) -> CornerPixels {
+    Array2::from_shape_fn((grid.shape[1] + 1, grid.shape[2] + 1), |(j, i)| {
+        let corner = grid.origin + grid.spacing * DVec3::new(i as f64, j as f64, k as f64);
+        view.project(corner).map(DVec2::from)
+    })
+}
+
+/// The figure of a voxel in an image: the convex hull of its corners, `(row, col)`.
+pub(super) struct Footprint([DVec2; 8]);
+
+/// A direction in the image and how far the footprint reaches along it.
+struct Side {
+    normal: DVec2,
+    low: f64,
+    high: f64,
+}
+
+impl Footprint {
+    /// The footprint of voxel `[j, i]` of a level from the corners below and above
+    /// it; `None` when a part is behind the camera.
+    pub(super) fn of_voxel(corners: &[CornerPixels; 2], j: usize, i: usize) -> Option<Self> {
+        let mut footprint = [DVec2::ZERO; 8];
+        for (number, corner) in footprint.iter_mut().enumerate() {
+            *corner = corners[number >> 2][[j + (number >> 1 & 1), i + (number & 1)]]?;
+        }
+        Some(Self(footprint))
+    }
+
+    /// Whether a cloudy pixel overlaps the footprint; `None` when none does, but the
+    /// footprint is not all inside the frame.
+    pub(super) fn vote(&self, cloudy: ArrayView2<'_, bool>) -> Option<bool> {
+        let frame = DVec2::new(cloudy.nrows() as f64, cloudy.ncols() as f64);
+        let low = self.0.iter().copied().fold(DVec2::INFINITY, DVec2::min);
+        let high = self.0.iter().copied().fold(DVec2::NEG_INFINITY, DVec2::max);
+        let mut sides = None;
+        for row in pixels(low.x, high.x, cloudy.nrows()) {
+            for col in pixels(low.y, high.y, cloudy.ncols()) {
+                if cloudy[[row, col]]
+                    && overlaps(sides.get_or_insert_with(|| self.sides()), row, col)
+                {
+                    return Some(true);
+                }
+            }
+        }
+        let inside = low.cmpge(DVec2::splat(-TOUCH)).all() && high.cmple(frame + TOUCH).all();
+        inside.then_some(false)
+    }
+
+    /// The normals of the projected edges of the voxel: all sides of the footprint are
+    /// among these edges.
+    fn sides(&self) -> Vec<Side> {
+        let side = |&(from, to): &(usize, usize)| {
+            let normal = (self.0[to] - self.0[from]).perp();
+            // An edge along the line of sight is a point in the image.
+            (normal.length() > TOUCH).then(|| {
+                let normal = normal.normalize();
+                let along = self.0.map(|corner| corner.dot(normal));
+                let low = along.iter().copied().fold(f64::INFINITY, f64::min);
+                let high = along.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+                Side { normal, low, high }
+            })
+        };
+        EDGES.iter().filter_map(side).collect()
+    }
+}
+
+/// Whether a pixel overlaps the footprint with these sides: two convex figures do
+/// unless a line along a side of one of them parts them. The pixel's own sides need
+/// no test, as only pixels within the footprint's rows and columns are asked for.
+fn overlaps(sides: &[Side], row: usize, col: usize) -> bool {
+    let middle = DVec2::new(row as f64 + 0.5, col as f64 + 0.5);
+    sides.iter().all(|side| {
+        let at = middle.dot(side.normal);
+        let reach = 0.5 * (side.normal.x.abs() + side.normal.y.abs());
+        at + reach > side.low + TOUCH && at - reach < side.high - TOUCH
+    })
+}
+
+/// The pixels along one axis of an image that a range overlaps.
+fn pixels(low: f64, high: f64, count: usize) -> std::ops::Range<usize> {
+    // A cast from a float saturates, so what is outside the frame comes out empty.
+    let first = (low + TOUCH).floor() as usize;
+    let last = (high - TOUCH).ceil() as usize;
+    first..last.min(count)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::Formation;
+
+    /// Twice the signed area spanned by three points.
+    fn turn(a: DVec2, b: DVec2, c: DVec2) -> f64 {
+        (b - a).perp_dot(c - a)
+    }
+
+    /// The convex hull of points (Andrew 1979), counter-clockwise.
+    fn hull(mut points: Vec<DVec2>) -> Vec<DVec2> {
+        points.sort_by(|a, b| a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)));
+        let half = |points: &mut dyn Iterator<Item = DVec2>| {
+            let mut chain: Vec<DVec2> = Vec::new();
+            for point in points {
+                while let [.., a, b] = chain[..]
+                    && turn(a, b, point) <= 0.0
+                {
+                    chain.pop();
+                }
+                chain.push(point);
+            }
+            chain.pop();
+            chain
+        };
+        let mut chain = half(&mut points.iter().copied());
+        chain.extend(half(&mut points.iter().rev().copied()));
+        chain
+    }
+
+    /// The area that a convex polygon shares with a pixel, by cutting the polygon off
+    /// at each side of the pixel (Sutherland and Hodgman 1974).
+    fn shared_area(mut polygon: Vec<DVec2>, pixel: DVec2) -> f64 {
+        let corners = [DVec2::ZERO, DVec2::X, DVec2::ONE, DVec2::Y].map(|corner| pixel + corner);
+        for side in 0..4 {
+            let (from, to) = (corners[side], corners[(side + 1) % 4]);
+            let mut cut = Vec::new();
+            for (index, &point) in polygon.iter().enumerate() {
+                let before = polygon[(index + polygon.len() - 1) % polygon.len()];
+                let (a, b) = (turn(from, to, before), turn(from, to, point));
+                if (a < 0.0) != (b < 0.0) {
+                    cut.push(before.lerp(point, a / (a - b)));
+                }
+                if b >= 0.0 {
+                    cut.push(point);
+                }
+            }
+            polygon = cut;
+        }
+        let next = polygon.iter().cycle().skip(1);
+        polygon.iter().zip(next).map(|(&a, &b)| turn(pixel, a, b)).sum::<f64>() / 2.0
+    }
+
+    #[test]
+    fn the_pixels_of_a_voxel_are_those_that_share_area_with_it() {
+        let grid = Grid::new(DVec3::new(0.0, 0.0, 0.5), DVec3::new(0.05, 0.06, 0.04), [14, 13, 16])
+            .unwrap();
+        for view in Formation::pearls_32().views(grid.center(), [26, 26]).unwrap() {
+            for k in [0, 9] {
+                let corners = [corner_pixels(&grid, k, &view), corner_pixels(&grid, k + 1, &view)];
+                for (j, i) in [(0, 0), (4, 11), (8, 3), (12, 15)] {
+                    let footprint = Footprint::of_voxel(&corners, j, i).unwrap();
+                    let polygon = hull(footprint.0.to_vec());
+                    for (row, col) in (0..26).flat_map(|row| (0..26).map(move |col| (row, col))) {
+                        let mut cloudy = Array2::from_elem((26, 26), false);
+                        cloudy[[row, col]] = true;
+                        let shared =
+                            shared_area(polygon.clone(), DVec2::new(row as f64, col as f64));
+                        let vote = footprint.vote(cloudy.view()) == Some(true);
+                        assert_eq!(
+                            vote,
+                            shared > 1e-12,
+                            "{view:?} {k} {j} {i} {row} {col} {shared}"
+                        );
+                    }
+                }
+            }
+        }
+    }
+}
