@@ -1,1 +1,45 @@
 //! Files: HDF5/netCDF-4, safetensors, and the formats of others.
+//!
+//! Clouds, volumes, masks and images are HDF5 files that are also valid netCDF-4 with
+//! CF attributes, so that xarray, `ncdump` and Panoply open them with named
+//! dimensions and coordinates. Every file records how it was made ([`Provenance`]);
+//! it is written to a temporary name and renamed, so a run that dies leaves no half
+//! file behind. A file that cannot be used is refused with one message that names the
+//! file, the field and the remedy.
+
+#[cfg(feature = "files")]
+mod netcdf;
+
+#[cfg(feature = "files")]
+use crate::error::{Error, Result};
+#[cfg(feature = "files")]
+use std::path::Path;
+
+#[cfg(feature = "files")]
+pub use netcdf::{
+    MAX_VALUES, Provenance, read_cloud, read_grid, read_mask, read_observation, read_volume,
+    write_cloud, write_mask, write_observation, write_volume,
+};
+
+/// An empty file in the folder of `path`, removed unless it is persisted: what an
+/// output is written to until it is complete.
+///
+/// # Errors
+/// When the folder does not exist or cannot be written.
+#[cfg(feature = "files")]
+pub(crate) fn temporary_beside(path: &Path) -> Result<tempfile::TempPath> {
+    let folder = match path.parent() {
+        Some(folder) if folder != Path::new("") => folder,
+        _ => Path::new("."),
+    };
+    let mut builder = tempfile::Builder::new();
+    builder.prefix(".deepct-").suffix(".partial");
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::PermissionsExt;
+        // What any new file gets: the process's mask takes away from this.
+        builder.permissions(std::fs::Permissions::from_mode(0o666));
+    }
+    let file = builder.tempfile_in(folder).map_err(Error::io(path))?;
+    Ok(file.into_temp_path())
+}

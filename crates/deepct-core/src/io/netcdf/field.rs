@@ -1,0 +1,303 @@
+//! Fields on a grid: clouds, volumes and masks.
+
+use super::write::{Attribute::*, Attributes, Output};
+use super::{Input, Provenance, Variable};
+use crate::cloud::{Cloud, EFFECTIVE_VARIANCE, Microphysics};
+use crate::error::{Error, Result};
+use crate::grid::{Grid, Mask, Volume};
+use crate::math::DVec3;
+use ndarray::{Array3, ArrayD};
+use serde::Deserialize;
+use std::path::Path;
+
+/// The dimensions of a field.
+const AXES: [&str; 3] = ["z", "y", "x"];
+
+/// How far the steps of a coordinate may differ, as a share of the step: more than
+/// the rounding of a float of 32 bits, less than any real stretching.
+const UNIFORM: f64 = 2e-3;
+
+const LIQUID_WATER: &Attributes = &[
+    ("units", Text("g m-3")),
+    ("long_name", Text("liquid water content")),
+    ("standard_name", Text("mass_concentration_of_cloud_liquid_water_in_air")),
+];
+const EFFECTIVE_RADIUS: &Attributes = &[
+    ("units", Text("um")),
+    ("long_name", Text("droplet effective radius")),
+    ("standard_name", Text("effective_radius_of_cloud_liquid_water_particles")),
+];
+const VARIANCE: &Attributes =
+    &[("units", Text("1")), ("long_name", Text("droplet effective variance"))];
+const EXTINCTION: &Attributes = &[
+    ("units", Text("km-1")),
+    ("long_name", Text("volume extinction coefficient of cloud droplets")),
+    ("standard_name", Text("volume_extinction_coefficient_in_air_due_to_cloud_particles")),
+];
+const MASK: &Attributes = &[
+    ("long_name", Text("where the images allow cloud")),
+    ("flag_values", Flags(&[0, 1])),
+    ("flag_meanings", Text("outside inside")),
+];
+
+/// Write a cloud: `lwc` (g m-3), `reff` (um), `veff` and `extinction` (km-1), each
+/// where it is known, on `(z, y, x)`.
+///
+/// # Errors
+/// When the file cannot be written.
+pub fn write_cloud(path: impl AsRef<Path>, cloud: &Cloud, provenance: &Provenance) -> Result<()> {
+    let mut output = Output::create(path.as_ref(), provenance)?;
+    write_axes(&mut output, &cloud.grid)?;
+    if let Some(droplets) = &cloud.microphysics {
+        output.variable("lwc", &AXES, &droplets.liquid_water_content, LIQUID_WATER)?;
+        output.variable("reff", &AXES, &droplets.effective_radius, EFFECTIVE_RADIUS)?;
+        output.variable("veff", &AXES, &droplets.effective_variance, VARIANCE)?;
+    }
+    if let Some(extinction) = &cloud.extinction {
+        output.variable("extinction", &AXES, extinction, EXTINCTION)?;
+    }
+    output.finish()
+}
+
+/// Read a cloud: `lwc` and `reff` (and `veff`, 0.1 where it is not given), or
+/// `extinction`, or both, on `(z, y, x)`.
+///
+/// # Errors
+/// A file that is missing, damaged or of another content; values that are negative or
+/// not finite; coordinates that are not uniform.
+pub fn read_cloud(path: impl AsRef<Path>) -> Result<Cloud> {
+    let path = path.as_ref();
+    let input = Input::open(path)?;
+    let read = |name| input.variable_on(name, &AXES)?.reals_3d::<f32>();
+    let (water, extinction) = (input.has("lwc"), input.has("extinction"));
+    if !water && !extinction {
+        let names = input.names().join(", ");
+        let remedy = format!(
+            "the file has these variables: {names}; other formats are read by `cloud import`"
+        );
+        return Err(input.error("extinction, lwc", "both are missing", &remedy));
+    }
+    let grid = grid_of(&input.variable(if water { "lwc" } else { "extinction" })?, &input)?;
+    let mut cloud = Cloud { grid, microphysics: None, extinction: None };
+    if water {
+        let liquid_water_content = read("lwc")?;
+        let effective_variance = if input.has("veff") {
+            read("veff")?
+        } else {
+            Array3::from_elem(grid.shape, EFFECTIVE_VARIANCE)
+        };
+        let droplets = Microphysics {
+            liquid_water_content,
+            effective_radius: read("reff")?,
+            effective_variance,
+        };
+        cloud = Cloud::from_microphysics(grid, droplets).map_err(in_file(path))?;
+    }
+    if extinction {
+        let volume = Volume::new(grid, read("extinction")?).map_err(in_file(path))?;
+        cloud.extinction = Cloud::from_extinction(volume).map_err(in_file(path))?.extinction;
+    }
+    Ok(cloud)
+}
+
+/// Write a volume as `extinction` (km-1) on `(z, y, x)`.
+///
+/// # Errors
+/// When the file cannot be written.
+pub fn write_volume(
+    path: impl AsRef<Path>,
+    volume: &Volume,
+    provenance: &Provenance,
+) -> Result<()> {
+    let mut output = Output::create(path.as_ref(), provenance)?;
+    write_axes(&mut output, &volume.grid)?;
+    output.variable("extinction", &AXES, &volume.values, EXTINCTION)?;
+    output.finish()
+}
+
+/// Read `extinction` (km-1) on `(z, y, x)`.
+///
+/// # Errors
+/// As [`read_cloud`].
+pub fn read_volume(path: impl AsRef<Path>) -> Result<Volume> {
+    let path = path.as_ref();
+    let input = Input::open(path)?;
+    let variable = input.variable_on("extinction", &AXES)?;
+    let values = variable.reals_3d()?;
+    let volume = Volume::new(grid_of(&variable, &input)?, values)?;
+    volume.check_non_negative("extinction").map_err(in_file(path))?;
+    Ok(volume)
+}
+
+/// Write a mask as `mask`, 1 inside and 0 outside, on `(z, y, x)`.
+///
+/// # Errors
+/// When the file cannot be written.
+pub fn write_mask(path: impl AsRef<Path>, mask: &Mask, provenance: &Provenance) -> Result<()> {
+    let mut output = Output::create(path.as_ref(), provenance)?;
+    write_axes(&mut output, &mask.grid)?;
+    output.variable("mask", &AXES, &mask.values.mapv(u8::from), MASK)?;
+    output.finish()
+}
+
+/// Read `mask`, 1 inside and 0 outside, on `(z, y, x)`.
+///
+/// # Errors
+/// As [`read_cloud`]; numbers other than 0 and 1.
+pub fn read_mask(path: impl AsRef<Path>) -> Result<Mask> {
+    let input = Input::open(path.as_ref())?;
+    let variable = input.variable_on("mask", &AXES)?;
+    let values: ArrayD<bool> = variable.flags()?;
+    let values = values.into_dimensionality().expect("three dimensions were checked");
+    Mask::new(grid_of(&variable, &input)?, values)
+}
+
+/// A grid in TOML.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct GridSettings {
+    origin_km: [f64; 3],
+    spacing_km: [f64; 3],
+    shape: [usize; 3],
+}
+
+/// Read a grid: that of any file with coordinates `z`, `y`, `x`, or a TOML file with
+/// `origin_km = [x, y, z]`, `spacing_km = [x, y, z]` and `shape = [nz, ny, nx]`.
+///
+/// # Errors
+/// A file that is missing or damaged; coordinates that are not uniform; an unknown
+/// key or a value out of range.
+pub fn read_grid(path: impl AsRef<Path>) -> Result<Grid> {
+    let path = path.as_ref();
+    if path.extension().is_some_and(|extension| extension == "toml") {
+        let text = std::fs::read_to_string(path).map_err(Error::io(path))?;
+        let settings: GridSettings = toml::from_str(&text).map_err(|problem| {
+            Error::file(
+                path,
+                "grid",
+                problem.message().replace('\n', " "),
+                "give origin_km, spacing_km (x, y, z) and shape (nz, ny, nx)",
+            )
+        })?;
+        let origin = DVec3::from_array(settings.origin_km);
+        let spacing = DVec3::from_array(settings.spacing_km);
+        return Grid::new(origin, spacing, settings.shape).map_err(in_file(path));
+    }
+    let input = Input::open(path)?;
+    let [z, y, x] = AXES.map(|name| input.variable_on(name, &[name]));
+    grid_from_axes(&input, [z?, y?, x?])
+}
+
+/// What is out of range in a file is an error of the file.
+fn in_file(path: &Path) -> impl Fn(Error) -> Error {
+    move |error| match error {
+        Error::OutOfRange { name, value, range } => Error::file(
+            path,
+            name,
+            format!("is {value}"),
+            format!("write a file in which it is {range}"),
+        ),
+        other => other,
+    }
+}
+
+/// The coordinates of voxel centres. Spacing and lower edge are recorded beside them,
+/// so that a grid is read back exactly, and one of a single voxel at all.
+fn write_axes(output: &mut Output, grid: &Grid) -> Result<()> {
+    let [x, y, z] = grid.axes();
+    for (name, axis, values, long_name, standard) in [
+        ("z", 2, z, "altitude of voxel centres", "altitude"),
+        ("y", 1, y, "northward distance of voxel centres", ""),
+        ("x", 0, x, "eastward distance of voxel centres", ""),
+    ] {
+        let letter = name.to_uppercase();
+        let mut attributes = vec![
+            ("units", Text("km")),
+            ("long_name", Text(long_name)),
+            ("axis", Text(&letter)),
+            ("lower_edge", Number(grid.origin[axis])),
+            ("spacing", Number(grid.spacing[axis])),
+        ];
+        if !standard.is_empty() {
+            attributes.extend([("standard_name", Text(standard)), ("positive", Text("up"))]);
+        }
+        output.dimension(name, &values, &attributes)?;
+    }
+    Ok(())
+}
+
+/// The grid of a variable on `(z, y, x)`.
+fn grid_of(variable: &Variable, input: &Input) -> Result<Grid> {
+    let mut axes = Vec::new();
+    for (name, &length) in AXES.into_iter().zip(&variable.shape) {
+        let axis = input.variable_on(name, &[name])?;
+        if axis.shape != [length] {
+            return Err(axis.error(
+                format!("has {:?} values for an axis of {length}", axis.shape),
+                "write one coordinate per voxel",
+            ));
+        }
+        axes.push(axis);
+    }
+    grid_from_axes(input, axes.try_into().unwrap_or_else(|_| unreachable!("three axes")))
+}
+
+fn grid_from_axes(input: &Input, axes: [Variable; 3]) -> Result<Grid> {
+    let shape = axes.each_ref().map(|axis| axis.shape[0]);
+    let [z, y, x] = axes.map(|axis| edge_and_spacing(&axis));
+    let ((z, dz), (y, dy), (x, dx)) = (z?, y?, x?);
+    Grid::new(DVec3::new(x, y, z), DVec3::new(dx, dy, dz), shape)
+        .map_err(|problem| input.error("x, y, z", problem.to_string(), "write a grid in range"))
+}
+
+/// The lower edge (km) and the spacing (km) of a uniform coordinate.
+pub(crate) fn edge_and_spacing(axis: &Variable) -> Result<(f64, f64)> {
+    let values: ArrayD<f64> = axis.reals()?;
+    let kilometre = length_unit(axis)?;
+    let values: Vec<f64> = values.iter().map(|value| value * kilometre).collect();
+    let (first, last) = (values[0], values[values.len() - 1]);
+    let recorded = axis.number("spacing").map(|spacing| spacing * kilometre);
+    let spacing = match (values.len(), recorded) {
+        (1, Some(spacing)) => spacing,
+        (1, None) => {
+            return Err(axis.error(
+                "has a single value and no attribute `spacing`",
+                "add the attribute `spacing` with the voxel's size",
+            ));
+        }
+        (count, _) => (last - first) / (count - 1) as f64,
+    };
+    let uneven = values
+        .windows(2)
+        .map(|pair| (pair[1] - pair[0] - spacing).abs())
+        .position(|error| error.is_nan() || error > UNIFORM * spacing.abs());
+    if let Some(index) = uneven {
+        return Err(axis.error(
+            format!("is not uniform: it goes from {first} to {last} km with a break at {index}"),
+            "resample the field to uniform spacing",
+        ));
+    }
+    if spacing.is_nan() || spacing <= 0.0 {
+        return Err(axis.error(
+            format!("descends from {first} to {last} km"),
+            "write the field so that x grows to the east, y to the north and z upwards",
+        ));
+    }
+    // A field that was cut or moved keeps its attributes: take them where they agree.
+    let spacing = recorded.filter(|exact| (exact - spacing).abs() <= UNIFORM * spacing);
+    let spacing = spacing.unwrap_or((last - first) / (values.len() - 1).max(1) as f64);
+    let edge = first - 0.5 * spacing;
+    let recorded = axis.number("lower_edge").map(|edge| edge * kilometre);
+    let exact = recorded.filter(|exact| (exact - edge).abs() <= 1e-6 * spacing);
+    Ok((exact.unwrap_or(edge), spacing))
+}
+
+/// How many km one unit of a coordinate is.
+fn length_unit(axis: &Variable) -> Result<f64> {
+    match axis.text("units").as_deref() {
+        Some("km" | "kilometer" | "kilometers" | "kilometre" | "kilometres") => Ok(1.0),
+        Some("m" | "meter" | "meters" | "metre" | "metres") => Ok(1e-3),
+        found => Err(axis
+            .error(format!("has units {found:?}"), "set its attribute `units` to \"km\" or \"m\"")),
+    }
+}

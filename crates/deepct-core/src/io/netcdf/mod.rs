@@ -1,0 +1,28 @@
+//! The project's own files: HDF5 that is also netCDF-4 with CF attributes.
+
+mod dimension;
+mod field;
+mod observation;
+mod read;
+mod write;
+
+pub use field::{
+    read_cloud, read_grid, read_mask, read_volume, write_cloud, write_mask, write_volume,
+};
+pub use observation::{read_observation, write_observation};
+pub(crate) use read::{Input, Variable};
+
+/// The most values that are read from one variable at once: a guard against a file
+/// whose header asks for more memory than the machine has.
+pub const MAX_VALUES: usize = 1 << 28;
+
+/// How a file was made; recorded in it as global attributes.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Provenance {
+    /// What the file is, in a few words, or the command that made it.
+    pub title: String,
+    /// The resolved configuration, TOML or JSON.
+    pub configuration: String,
+    /// The seed of the run's random numbers.
+    pub seed: u64,
+}

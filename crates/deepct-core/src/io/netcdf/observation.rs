@@ -1,0 +1,293 @@
+//! Images with the Sun and the cameras that they were taken by.
+
+use super::write::{Attribute::*, Output};
+use super::{Input, Provenance};
+use crate::error::{Error, Result};
+use crate::image::ViewStack;
+use crate::math::DVec3;
+use crate::scene::{Observation, Projection, Sun, View};
+use ndarray::{Array1, Array2, ArrayD};
+use std::path::Path;
+
+/// The dimensions of images.
+const PIXELS: [&str; 3] = ["view", "row", "col"];
+
+/// The numbers of all cameras, one entry or row (x, y, z) per view.
+struct Cameras {
+    orthographic: Vec<u8>,
+    position: Array2<f64>,
+    direction: Array2<f64>,
+    target: Array2<f64>,
+    pixel_tangent: Vec<f64>,
+    pixel_km: Vec<f64>,
+}
+
+/// Write images: `radiance(view, row, col)` (sr-1) and, where it is known,
+/// `radiance_standard_error`; by view the zenith and azimuth, position, direction and
+/// target of the camera, its projection and pixel size; the Sun and the wavelength.
+///
+/// # Errors
+/// When the file cannot be written.
+pub fn write_observation(
+    path: impl AsRef<Path>,
+    observation: &Observation,
+    provenance: &Provenance,
+) -> Result<()> {
+    let mut output = Output::create(path.as_ref(), provenance)?;
+    let [views, rows, cols] = observation.images.shape();
+    output.counted("view", views, "number of the view")?;
+    output.counted("row", rows, "pixel row, growing to the north")?;
+    output.counted("col", cols, "pixel column, growing to the east")?;
+    output.counted("component", 3, "components x (east), y (north), z (up)")?;
+    let radiance = [("units", Text("sr-1")), ("long_name", Text("radiance"))];
+    output.variable("radiance", &PIXELS, &observation.images.values, &radiance)?;
+    if let Some(error) = &observation.standard_error {
+        let attributes =
+            [("units", Text("sr-1")), ("long_name", Text("standard error of radiance"))];
+        output.variable("radiance_standard_error", &PIXELS, &error.values, &attributes)?;
+    }
+    write_cameras(&output, &observation.views)?;
+    write_light(&output, observation)?;
+    output.finish()
+}
+
+/// Read images that [`write_observation`] wrote, every number as it was.
+///
+/// # Errors
+/// A file that is missing, damaged or of another content; radiances that are not
+/// finite; a camera or a Sun that is out of range; angles that do not fit the camera's
+/// position.
+pub fn read_observation(path: impl AsRef<Path>) -> Result<Observation> {
+    let path = path.as_ref();
+    let input = Input::open(path)?;
+    let stack = |name| -> Result<ViewStack> {
+        let values = input.variable_on(name, &PIXELS)?.reals_3d()?;
+        ViewStack::new(values).map_err(|problem| {
+            input.error(name, problem.to_string(), "write images without missing pixels")
+        })
+    };
+    let images = stack("radiance")?;
+    let error = "radiance_standard_error";
+    let standard_error = if input.has(error) { Some(stack(error)?) } else { None };
+    let views = read_views(&input, images.shape())?;
+    let sun = read_sun(&input)?;
+    let wavelength = input.scalar("wavelength")?;
+    let mut observation = Observation::new(sun, views, images)
+        .map_err(|problem| input.error("radiance", problem.to_string(), "write it anew"))?;
+    if standard_error.as_ref().is_some_and(|error| error.shape() != observation.images.shape()) {
+        return Err(input.error(error, "has another shape than radiance", "write it anew"));
+    }
+    (observation.wavelength, observation.standard_error) = (wavelength, standard_error);
+    Ok(observation)
+}
+
+fn write_light(output: &Output, observation: &Observation) -> Result<()> {
+    let Observation { sun, wavelength, .. } = observation;
+    let angle = |long_name, standard_name| {
+        [
+            ("units", Text("degree")),
+            ("long_name", Text(long_name)),
+            ("standard_name", Text(standard_name)),
+        ]
+    };
+    output.scalar(
+        "sun_zenith_deg",
+        degrees(sun.zenith),
+        &angle("angle between the zenith and the Sun", "solar_zenith_angle"),
+    )?;
+    output.scalar(
+        "sun_azimuth_deg",
+        degrees(sun.azimuth),
+        &angle("azimuth towards the Sun, clockwise from north", "solar_azimuth_angle"),
+    )?;
+    output.scalar(
+        "sun_irradiance",
+        sun.irradiance,
+        &[("units", Text("1")), ("long_name", Text("solar irradiance normal to the beam"))],
+    )?;
+    output.scalar(
+        "wavelength",
+        *wavelength,
+        &[
+            ("units", Text("um")),
+            ("long_name", Text("wavelength")),
+            ("standard_name", Text("radiation_wavelength")),
+        ],
+    )
+}
+
+fn read_sun(input: &Input) -> Result<Sun> {
+    let (zenith, azimuth) = (input.scalar("sun_zenith_deg")?, input.scalar("sun_azimuth_deg")?);
+    let sun = Sun::from_degrees(zenith, azimuth).map_err(|problem| {
+        input.error("sun_zenith_deg, sun_azimuth_deg", problem.to_string(), "correct the angle")
+    })?;
+    let irradiance = input.scalar("sun_irradiance")?;
+    if !(irradiance.is_finite() && irradiance > 0.0) {
+        return Err(input.error("sun_irradiance", format!("is {irradiance}"), "give it above 0"));
+    }
+    Ok(Sun { irradiance, ..sun })
+}
+
+fn write_cameras(output: &Output, views: &[View]) -> Result<()> {
+    let cameras = Cameras::of(views);
+    let vectors = ["view", "component"];
+    let (zenith, azimuth): (Vec<_>, Vec<_>) =
+        views.iter().map(|view| (view.zenith().to_degrees(), view.azimuth().to_degrees())).unzip();
+    output.variable(
+        "view_zenith_deg",
+        &["view"],
+        &zenith,
+        &[
+            ("units", Text("degree")),
+            ("long_name", Text("angle at the target between the zenith and the camera")),
+            ("standard_name", Text("sensor_zenith_angle")),
+        ],
+    )?;
+    output.variable(
+        "view_azimuth_deg",
+        &["view"],
+        &azimuth,
+        &[
+            ("units", Text("degree")),
+            ("long_name", Text("azimuth at the target towards the camera, clockwise from north")),
+            ("standard_name", Text("sensor_azimuth_angle")),
+        ],
+    )?;
+    let km = |long_name| [("units", Text("km")), ("long_name", Text(long_name))];
+    let one = |long_name| [("units", Text("1")), ("long_name", Text(long_name))];
+    output.variable(
+        "projection",
+        &["view"],
+        &cameras.orthographic,
+        &[
+            ("long_name", Text("how the camera maps points to pixels")),
+            ("flag_values", Flags(&[0, 1])),
+            ("flag_meanings", Text("perspective orthographic")),
+        ],
+    )?;
+    let position = km("position of the camera; missing at infinity");
+    output.variable("camera_position", &vectors, &cameras.position, &position)?;
+    let direction = one("unit vector from the target towards the camera");
+    output.variable("camera_direction", &vectors, &cameras.direction, &direction)?;
+    let target = km("point in the middle of the image");
+    output.variable("target", &vectors, &cameras.target, &target)?;
+    let tangent = one("pixel size over focal length; missing for an orthographic camera");
+    output.variable("pixel_tangent", &["view"], &cameras.pixel_tangent, &tangent)?;
+    let size = km("size of a pixel at the target");
+    output.variable("pixel_km", &["view"], &cameras.pixel_km, &size)
+}
+
+impl Cameras {
+    fn of(views: &[View]) -> Self {
+        let row = |vector: DVec3| vector.to_array();
+        let rows = |vectors: Vec<[f64; 3]>| Array2::from(vectors);
+        let nowhere = DVec3::splat(f64::NAN);
+        let (position, pixel_tangent): (Vec<_>, Vec<_>) = views
+            .iter()
+            .map(|view| match view.projection {
+                Projection::Perspective { position, pixel_tangent } => {
+                    (row(position), pixel_tangent)
+                }
+                Projection::Orthographic { .. } => (row(nowhere), f64::NAN),
+            })
+            .unzip();
+        let is_orthographic =
+            |view: &View| u8::from(matches!(view.projection, Projection::Orthographic { .. }));
+        Self {
+            orthographic: views.iter().map(is_orthographic).collect(),
+            position: rows(position),
+            direction: rows(views.iter().map(|view| row(view.towards())).collect()),
+            target: rows(views.iter().map(|view| row(view.target)).collect()),
+            pixel_tangent,
+            pixel_km: views.iter().map(View::pixel_km).collect(),
+        }
+    }
+}
+
+fn read_views(input: &Input, [count, rows, cols]: [usize; 3]) -> Result<Vec<View>> {
+    let numbers = |name| -> Result<Array1<f64>> {
+        let values: ArrayD<f64> = input.variable_on(name, &["view"])?.reals()?;
+        check_count(input, name, values.len(), count)?;
+        Ok(values.into_dimensionality().expect("one dimension was checked"))
+    };
+    let vectors = |name| -> Result<Vec<DVec3>> {
+        let variable = input.variable_on(name, &["view", "component"])?;
+        check_count(input, name, variable.shape.iter().product(), 3 * count)?;
+        let values: ArrayD<f64> = variable.reals()?;
+        let values = values.into_raw_vec_and_offset().0;
+        Ok(values.chunks_exact(3).map(DVec3::from_slice).collect())
+    };
+    let orthographic = input.variable_on("projection", &["view"])?.flags()?;
+    check_count(input, "projection", orthographic.len(), count)?;
+    let (position, direction) = (vectors("camera_position")?, vectors("camera_direction")?);
+    let target = vectors("target")?;
+    let (tangent, pixel_km) = (numbers("pixel_tangent")?, numbers("pixel_km")?);
+    let (zenith, azimuth) = (numbers("view_zenith_deg")?, numbers("view_azimuth_deg")?);
+    (0..count)
+        .map(|index| {
+            let size = [rows, cols];
+            let view = if orthographic[[index]] {
+                parallel(direction[index], target[index], pixel_km[index], size)
+            } else {
+                View::perspective(position[index], target[index], tangent[index], size)
+            };
+            let view = view.map_err(|problem| {
+                let field = format!("camera of view {index}");
+                input.error(&field, problem.to_string(), "correct its position and pixel size")
+            })?;
+            check_angles(input, &view, index, zenith[index], azimuth[index])?;
+            Ok(view)
+        })
+        .collect()
+}
+
+/// An orthographic view with its direction to the last bit: normalising a unit vector
+/// again may change it.
+fn parallel(towards: DVec3, target: DVec3, pixel_km: f64, size: [usize; 2]) -> Result<View> {
+    if !towards.is_normalized() {
+        return Err(Error::out_of_range("camera direction", towards, "a unit vector"));
+    }
+    let view = View::orthographic(towards, target, pixel_km, size)?;
+    Ok(View { projection: Projection::Orthographic { towards, pixel_km }, ..view })
+}
+
+fn check_count(input: &Input, name: &str, found: usize, expected: usize) -> Result<()> {
+    if found == expected {
+        return Ok(());
+    }
+    let problem = format!("has {found} values, where the images ask for {expected}");
+    Err(input.error(name, problem, "write one camera per image"))
+}
+
+/// The angles in the file are for people; the camera's position decides. When the two
+/// disagree somebody changed one and expects it to count.
+fn check_angles(
+    input: &Input,
+    view: &View,
+    index: usize,
+    zenith_deg: f64,
+    azimuth_deg: f64,
+) -> Result<()> {
+    let said = crate::math::towards(zenith_deg.to_radians(), azimuth_deg.to_radians());
+    if said.distance(view.towards()) <= 1e-6 {
+        return Ok(());
+    }
+    let problem = format!(
+        "of view {index} are {zenith_deg} and {azimuth_deg}, but its camera is at {} and {}",
+        view.zenith().to_degrees(),
+        view.azimuth().to_degrees()
+    );
+    let remedy = "change camera_position or camera_direction and the angles together";
+    Err(input.error("view_zenith_deg, view_azimuth_deg", problem, remedy))
+}
+
+/// The degrees that become exactly this angle (radians) again when they are read, the
+/// roundest first.
+fn degrees(radians: f64) -> f64 {
+    let nearest = radians.to_degrees();
+    let round = (nearest * 1e9).round() / 1e9;
+    [round, nearest, nearest.next_down(), nearest.next_up()]
+        .into_iter()
+        .find(|degrees| degrees.to_radians() == radians)
+        .unwrap_or(nearest)
+}

@@ -1,0 +1,167 @@
+//! Writing: variables on named dimensions, to a temporary name until all is there.
+
+use super::{Provenance, dimension};
+use crate::error::{Error, Result};
+use hdf5::types::VarLenUnicode;
+use hdf5::{Dataset, H5Type, Location};
+use ndarray::{ArrayView, Dimension};
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+
+/// The longest side of a chunk: 32^3 float values are 128 KiB.
+const CHUNK: usize = 64;
+
+/// The value of an attribute.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Attribute<'a> {
+    Text(&'a str),
+    Number(f64),
+    Flags(&'a [u8]),
+}
+
+/// Attributes by name.
+pub(super) type Attributes<'a> = [(&'a str, Attribute<'a>)];
+
+/// A file that is being written. It appears under its own name when it is finished,
+/// and not at all when it is dropped before.
+pub(super) struct Output {
+    path: PathBuf,
+    temporary: tempfile::TempPath,
+    file: hdf5::File,
+    dimensions: Vec<(String, Dataset)>,
+}
+
+impl Output {
+    /// Start a file that will be at `path`, with its global attributes.
+    pub(super) fn create(path: &Path, provenance: &Provenance) -> Result<Self> {
+        let temporary = crate::io::temporary_beside(path)?;
+        let file = hdf5::File::with_options()
+            .with_fapl(|access| access.libver_v18())
+            .create(&temporary)
+            .map_err(|problem| cannot_write(path, "file", &problem))?;
+        let output = Self { path: path.into(), temporary, file, dimensions: Vec::new() };
+        let version = env!("CARGO_PKG_VERSION");
+        let source = format!("deepct {version}");
+        output.attributes(
+            &output.file,
+            "global attributes",
+            &[
+                ("Conventions", Attribute::Text("CF-1.10")),
+                ("title", Attribute::Text(&provenance.title)),
+                ("source", Attribute::Text(&source)),
+                ("deepct_version", Attribute::Text(version)),
+                ("configuration", Attribute::Text(&provenance.configuration)),
+            ],
+        )?;
+        output
+            .file
+            .new_attr::<u64>()
+            .create("seed")
+            .and_then(|seed| seed.write_scalar(&provenance.seed))
+            .map_err(|problem| cannot_write(path, "seed", &problem))?;
+        Ok(output)
+    }
+
+    /// A dimension with its coordinate variable.
+    pub(super) fn dimension<T: H5Type>(
+        &mut self,
+        name: &str,
+        coordinates: &[T],
+        attributes: &Attributes,
+    ) -> Result<()> {
+        let scale = self
+            .file
+            .new_dataset_builder()
+            .obj_track_times(false)
+            .with_data(coordinates)
+            .create(name)
+            .map_err(|problem| cannot_write(&self.path, name, &problem))?;
+        if !dimension::set_scale(&scale, name) {
+            return Err(cannot_write(&self.path, name, "the dimension scale was refused"));
+        }
+        self.attributes(&scale, name, attributes)?;
+        self.dimensions.push((name.into(), scale));
+        Ok(())
+    }
+
+    /// A dimension whose coordinates are 0, 1, 2, ...
+    pub(super) fn counted(&mut self, name: &str, length: usize, long_name: &str) -> Result<()> {
+        let numbers: Vec<i32> = (0..length as i32).collect();
+        self.dimension(name, &numbers, &[("long_name", Attribute::Text(long_name))])
+    }
+
+    /// A variable on dimensions that were declared before; on none for a scalar.
+    pub(super) fn variable<'v, T: H5Type + Clone, D: Dimension>(
+        &self,
+        name: &str,
+        dimensions: &[&str],
+        values: impl Into<ArrayView<'v, T, D>>,
+        attributes: &Attributes,
+    ) -> Result<()> {
+        let values = values.into();
+        // The file holds rows in C order, whatever the order in memory.
+        let values = values.as_standard_layout();
+        let chunk: Vec<usize> = values.shape().iter().map(|&n| n.clamp(1, CHUNK)).collect();
+        let builder = self.file.new_dataset_builder().obj_track_times(false);
+        let dataset = if dimensions.is_empty() {
+            builder.with_data(values.view()).create(name)
+        } else {
+            let builder = builder.chunk(chunk).shuffle().deflate(4).fletcher32();
+            builder.with_data(values.view()).create(name)
+        };
+        let dataset = dataset.map_err(|problem| cannot_write(&self.path, name, &problem))?;
+        for (axis, dimension) in dimensions.iter().enumerate() {
+            let scale = self.dimensions.iter().find(|(known, _)| known == dimension);
+            let (_, scale) = scale.expect("dimensions are declared before their variables");
+            if !dimension::attach_scale(&dataset, scale, axis) {
+                return Err(cannot_write(&self.path, name, "a dimension could not be attached"));
+            }
+        }
+        self.attributes(&dataset, name, attributes)
+    }
+
+    /// A single number.
+    pub(super) fn scalar(&self, name: &str, value: f64, attributes: &Attributes) -> Result<()> {
+        self.variable(name, &[], ndarray::arr0(value).view(), attributes)
+    }
+
+    fn attributes(&self, on: &Location, field: &str, attributes: &Attributes) -> Result<()> {
+        for (name, value) in attributes {
+            let written = match value {
+                Attribute::Text(text) => {
+                    let text = VarLenUnicode::from_str(&text.replace('\0', " "))
+                        .expect("text without zero bytes");
+                    on.new_attr::<VarLenUnicode>()
+                        .create(*name)
+                        .and_then(|attribute| attribute.write_scalar(&text))
+                }
+                Attribute::Number(number) => on
+                    .new_attr::<f64>()
+                    .create(*name)
+                    .and_then(|attribute| attribute.write_scalar(number)),
+                Attribute::Flags(flags) => {
+                    on.new_attr_builder().with_data(*flags).create(*name).map(|_| ())
+                }
+            };
+            written.map_err(|problem| cannot_write(&self.path, field, &problem))?;
+        }
+        Ok(())
+    }
+
+    /// Close the file and give it its name.
+    pub(super) fn finish(self) -> Result<()> {
+        let Self { path, temporary, file, dimensions } = self;
+        drop(dimensions);
+        file.close().map_err(|problem| cannot_write(&path, "file", &problem))?;
+        temporary.persist(&path).map_err(|problem| Error::io(&path)(problem.error))
+    }
+}
+
+fn cannot_write(path: &Path, field: &str, problem: &(impl ToString + ?Sized)) -> Error {
+    Error::file(
+        path,
+        field,
+        format!("cannot be written: {}", problem.to_string()),
+        "check that the disk has room and the folder can be written",
+    )
+}

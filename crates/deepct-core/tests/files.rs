@@ -1,0 +1,337 @@
+//! Files: what is written is read back exactly, and what cannot be used is refused
+//! with a message that names the file, the field and the remedy.
+
+#![cfg(feature = "files")]
+
+use deepct_core::cloud::{Cloud, Microphysics};
+use deepct_core::grid::{Grid, Mask, Volume};
+use deepct_core::image::ViewStack;
+use deepct_core::io::{self, Provenance};
+use deepct_core::math::{DVec3, towards};
+use deepct_core::scene::{Observation, Sun, View};
+use deepct_core::{Error, Result};
+use ndarray::{Array1, Array3};
+use std::path::{Path, PathBuf};
+use tempfile::TempDir;
+
+fn provenance() -> Provenance {
+    Provenance { title: "a test".into(), configuration: "samples = 3\n".into(), seed: u64::MAX }
+}
+
+fn grid() -> Grid {
+    // Numbers that binary fractions do not hold, so that a rounded grid shows.
+    Grid::new(DVec3::new(-0.3, 0.1, 0.48), DVec3::new(0.05, 0.07, 0.04), [3, 4, 5]).unwrap()
+}
+
+fn field(scale: f32) -> Array3<f32> {
+    Array3::from_shape_fn(grid().shape, |(k, j, i)| scale * (1.0 + (k * 20 + j * 5 + i) as f32))
+}
+
+fn observation() -> Observation {
+    let target = DVec3::new(0.8, 0.7, 1.1);
+    let camera = target + 612.3 * towards(0.7, 2.1);
+    let views = vec![
+        View::perspective(camera, target, 8.1e-5, [3, 4]).unwrap(),
+        View::orthographic(towards(1.1, 4.7), target, 0.05, [3, 4]).unwrap(),
+    ];
+    let values = Array3::from_shape_fn((2, 3, 4), |(v, r, c)| 0.1 * (v * 12 + r * 4 + c) as f32);
+    let error = ViewStack::new(values.mapv(|value| 0.01 * value)).unwrap();
+    let sun = Sun { irradiance: 1.7, ..Sun::from_degrees(33.3, 217.1).unwrap() };
+    let mut observation = Observation::new(sun, views, ViewStack::new(values).unwrap()).unwrap();
+    observation.standard_error = Some(error);
+    observation.wavelength = 0.86;
+    observation
+}
+
+/// A folder, and the path of a file in it.
+fn place(name: &str) -> (TempDir, PathBuf) {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join(name);
+    (folder, path)
+}
+
+#[test]
+fn a_cloud_is_read_as_it_was_written() {
+    let (_folder, path) = place("cloud.nc");
+    let droplets = Microphysics {
+        liquid_water_content: field(0.01),
+        effective_radius: field(0.1),
+        effective_variance: field(0.002),
+    };
+    let mut cloud = Cloud::from_microphysics(grid(), droplets).unwrap();
+    io::write_cloud(&path, &cloud, &provenance()).unwrap();
+    assert_eq!(io::read_cloud(&path).unwrap(), cloud);
+    cloud.extinction = Some(field(1.5));
+    io::write_cloud(&path, &cloud, &provenance()).unwrap();
+    assert_eq!(io::read_cloud(&path).unwrap(), cloud);
+    assert_eq!(io::read_volume(&path).unwrap().values, field(1.5));
+    assert_eq!(io::read_grid(&path).unwrap(), grid());
+}
+
+#[test]
+fn volumes_masks_and_images_are_read_as_they_were_written() {
+    let (_folder, path) = place("a.nc");
+    let volume = Volume::new(grid(), field(2.0)).unwrap();
+    io::write_volume(&path, &volume, &provenance()).unwrap();
+    assert_eq!(io::read_volume(&path).unwrap(), volume);
+    let mask = Mask::new(grid(), field(1.0).mapv(|value| value as i32 % 3 == 0)).unwrap();
+    io::write_mask(&path, &mask, &provenance()).unwrap();
+    assert_eq!(io::read_mask(&path).unwrap(), mask);
+    io::write_observation(&path, &observation(), &provenance()).unwrap();
+    assert_eq!(io::read_observation(&path).unwrap(), observation());
+}
+
+#[test]
+fn a_single_voxel_keeps_its_size() {
+    let (_folder, path) = place("voxel.nc");
+    let grid = Grid::new(DVec3::new(0.1, 0.2, 0.3), DVec3::splat(0.07), [1, 1, 1]).unwrap();
+    let volume = Volume::constant(grid, 3.0);
+    io::write_volume(&path, &volume, &provenance()).unwrap();
+    assert_eq!(io::read_volume(&path).unwrap(), volume);
+}
+
+#[test]
+fn files_record_how_they_were_made_and_are_the_same_each_time() {
+    let (folder, path) = place("a.nc");
+    let volume = Volume::new(grid(), field(2.0)).unwrap();
+    io::write_volume(&path, &volume, &provenance()).unwrap();
+    let again = folder.path().join("b.nc");
+    io::write_volume(&again, &volume, &provenance()).unwrap();
+    assert_eq!(std::fs::read(&path).unwrap(), std::fs::read(&again).unwrap());
+    let file = hdf5::File::open(&path).unwrap();
+    let text = |name: &str| {
+        let text: hdf5::types::VarLenUnicode = file.attr(name).unwrap().read_scalar().unwrap();
+        text.to_string()
+    };
+    assert_eq!(text("Conventions"), "CF-1.10");
+    assert_eq!(text("deepct_version"), env!("CARGO_PKG_VERSION"));
+    assert_eq!(text("configuration"), "samples = 3\n");
+    assert_eq!(file.attr("seed").unwrap().read_scalar::<u64>().unwrap(), u64::MAX);
+}
+
+#[test]
+fn a_grid_is_read_from_toml() {
+    let (_folder, path) = place("grid.toml");
+    let text =
+        "origin_km = [-0.3, 0.1, 0.48]\nspacing_km = [0.05, 0.07, 0.04]\nshape = [3, 4, 5]\n";
+    std::fs::write(&path, text).unwrap();
+    assert_eq!(io::read_grid(&path).unwrap(), grid());
+    for (wrong, names) in [
+        (text.replace("shape", "shap"), "shap"),
+        (text.replace("0.05", "-0.05"), "spacing"),
+        (text.replace("[3, 4, 5]", "[3, 4]"), "length"),
+        (format!("{text}colour = 1\n"), "colour"),
+    ] {
+        std::fs::write(&path, wrong).unwrap();
+        check_refusal(io::read_grid(&path), &path, names);
+    }
+}
+
+/// The refusal must be one line that names the file, the field or problem, and a
+/// remedy.
+#[track_caller]
+fn check_refusal<T>(result: Result<T>, path: &Path, names: &str) {
+    let Err(error) = result else { panic!("{names}: was accepted") };
+    assert!(matches!(error, Error::File { .. }), "{names}: {error:?}");
+    let message = error.to_string();
+    assert!(message.contains(&path.display().to_string()), "no path: {message}");
+    assert!(message.contains(names), "no {names:?}: {message}");
+    assert!(message.contains("; "), "no remedy: {message}");
+    assert!(!message.contains('\n'), "more than one line: {message}");
+}
+
+/// Write a good volume and change it.
+fn spoiled(path: &Path, spoil: impl FnOnce(&hdf5::File)) {
+    io::write_volume(path, &Volume::new(grid(), field(2.0)).unwrap(), &provenance()).unwrap();
+    let file = hdf5::File::open_rw(path).unwrap();
+    spoil(&file);
+    file.close().unwrap();
+}
+
+/// Replace a variable by one of other values, without dimension scales.
+fn replace<T: hdf5::H5Type + Clone>(file: &hdf5::File, name: &str, values: ndarray::ArrayD<T>) {
+    file.unlink(name).unwrap();
+    file.new_dataset_builder().with_data(values.view()).create(name).unwrap();
+}
+
+#[test]
+fn a_missing_file_is_refused() {
+    let (_folder, path) = place("none.nc");
+    check_refusal(io::read_volume(&path), &path, "does not exist");
+    check_refusal(io::read_observation(&path), &path, "does not exist");
+}
+
+#[test]
+fn files_of_other_formats_are_refused() {
+    let (_folder, path) = place("other.nc");
+    for (bytes, names) in [
+        (&b""[..], "not an HDF5"),
+        (b"hello, this is text and no more than text", "not an HDF5"),
+        (b"CDF\x01\0\0\0\0\0\0\0\0", "netCDF-3"),
+    ] {
+        std::fs::write(&path, bytes).unwrap();
+        check_refusal(io::read_volume(&path), &path, names);
+    }
+}
+
+#[test]
+fn a_truncated_file_is_refused() {
+    let (_folder, path) = place("cut.nc");
+    spoiled(&path, |_| {});
+    let bytes = std::fs::read(&path).unwrap();
+    for length in [60, 500, bytes.len() / 2, bytes.len() - 1] {
+        std::fs::write(&path, &bytes[..length]).unwrap();
+        check_refusal(io::read_volume(&path), &path, "truncated");
+    }
+}
+
+#[test]
+fn a_changed_value_is_found_by_its_checksum() {
+    let (_folder, path) = place("flipped.nc");
+    spoiled(&path, |_| {});
+    let bytes = std::fs::read(&path).unwrap();
+    let file = hdf5::File::open(&path).unwrap();
+    let chunk = file.dataset("extinction").unwrap().chunk_info(0).unwrap();
+    file.close().unwrap();
+    let mut flipped = bytes;
+    flipped[chunk.addr as usize + 40] ^= 1;
+    std::fs::write(&path, flipped).unwrap();
+    check_refusal(io::read_volume(&path), &path, "cannot be read");
+}
+
+#[test]
+fn a_missing_variable_is_refused() {
+    let (_folder, path) = place("volume.nc");
+    spoiled(&path, |_| {});
+    check_refusal(io::read_mask(&path), &path, "mask");
+    check_refusal(io::read_observation(&path), &path, "radiance");
+    spoiled(&path, |file| file.unlink("x").unwrap());
+    check_refusal(io::read_volume(&path), &path, "x: is missing");
+}
+
+#[test]
+fn wrong_dimensions_are_refused() {
+    let (_folder, path) = place("volume.nc");
+    spoiled(&path, |file| {
+        replace(file, "extinction", Array1::<f32>::zeros(60).into_dyn());
+    });
+    check_refusal(io::read_volume(&path), &path, "dimensions");
+    spoiled(&path, |file| {
+        replace(file, "extinction", Array3::<f32>::zeros((5, 4, 3)).into_dyn());
+    });
+    check_refusal(io::read_volume(&path), &path, "one coordinate per voxel");
+    // The right lengths, but y in the place of z.
+    let cube = Grid::new(DVec3::ZERO, DVec3::ONE, [2, 2, 2]).unwrap();
+    io::write_volume(&path, &Volume::constant(cube, 1.0), &provenance()).unwrap();
+    let file = hdf5::File::open_rw(&path).unwrap();
+    for (from, to) in [("z", "t"), ("y", "z"), ("t", "y")] {
+        file.relink(from, to).unwrap();
+    }
+    file.close().unwrap();
+    check_refusal(io::read_volume(&path), &path, "(y, z, x)");
+}
+
+#[test]
+fn wrong_types_are_refused() {
+    let (_folder, path) = place("volume.nc");
+    spoiled(&path, |file| {
+        replace(file, "extinction", Array3::<i32>::zeros(grid().shape).into_dyn());
+    });
+    check_refusal(io::read_volume(&path), &path, "real numbers");
+    spoiled(&path, |file| replace(file, "x", Array1::<bool>::default(5).into_dyn()));
+    check_refusal(io::read_volume(&path), &path, "real numbers");
+    spoiled(&path, |file| file.relink("extinction", "mask").unwrap());
+    check_refusal(io::read_mask(&path), &path, "integers");
+}
+
+#[test]
+fn values_out_of_range_are_refused() {
+    let (_folder, path) = place("volume.nc");
+    for value in [f32::NAN, f32::INFINITY, -1.0] {
+        let mut values = field(2.0);
+        values[[1, 2, 3]] = value;
+        spoiled(&path, |file| replace(file, "extinction", values.clone().into_dyn()));
+        check_refusal(io::read_volume(&path), &path, "[z 1, y 2, x 3]");
+        check_refusal(io::read_cloud(&path), &path, "extinction");
+    }
+    let mut mask = Array3::<u8>::zeros(grid().shape);
+    mask[[0, 1, 2]] = 7;
+    spoiled(&path, |file| {
+        file.new_dataset_builder().with_data(mask.view()).create("mask").unwrap();
+    });
+    check_refusal(io::read_mask(&path), &path, "holds 7");
+}
+
+#[test]
+fn coordinates_that_are_not_uniform_are_refused() {
+    let (_folder, path) = place("volume.nc");
+    for (x, names) in [
+        ([0.0, 1.0, 2.0, 3.0, 5.0], "not uniform"),
+        ([0.0, 1.0, f64::NAN, 3.0, 4.0], "not uniform"),
+        ([4.0, 3.0, 2.0, 1.0, 0.0], "descends"),
+        ([1.0, 1.0, 1.0, 1.0, 1.0], "descends"),
+        ([0.0, 1.0, 2.0, 3.0, 4.0], "units"),
+    ] {
+        spoiled(&path, |file| {
+            replace(file, "x", Array1::from(x.to_vec()).into_dyn());
+            if names != "units" {
+                let units = file.dataset("x").unwrap().new_attr::<hdf5::types::VarLenAscii>();
+                let km = hdf5::types::VarLenAscii::from_ascii("km").unwrap();
+                units.create("units").unwrap().write_scalar(&km).unwrap();
+            }
+        });
+        check_refusal(io::read_volume(&path), &path, names);
+    }
+}
+
+#[test]
+fn a_declared_size_beyond_the_limit_is_refused() {
+    let (_folder, path) = place("bomb.nc");
+    spoiled(&path, |file| {
+        file.unlink("extinction").unwrap();
+        let huge = file.new_dataset::<f32>().chunk((1, 1, 1000)).shape((10_000, 10_000, 10_000));
+        huge.create("extinction").unwrap();
+    });
+    check_refusal(io::read_volume(&path), &path, "declares shape [10000, 10000, 10000]");
+}
+
+#[test]
+fn packed_numbers_are_understood() {
+    let (_folder, path) = place("packed.nc");
+    let values = Array3::from_shape_fn(grid().shape, |(k, j, i)| (k * 20 + j * 5 + i) as i16);
+    spoiled(&path, |file| {
+        replace(file, "extinction", values.clone().into_dyn());
+        let variable = file.dataset("extinction").unwrap();
+        for (name, value) in [("scale_factor", 0.25_f32), ("add_offset", 1.5)] {
+            variable.new_attr::<f32>().create(name).unwrap().write_scalar(&value).unwrap();
+        }
+        variable.new_attr::<i16>().create("_FillValue").unwrap().write_scalar(&-9_i16).unwrap();
+    });
+    let volume = io::read_volume(&path).unwrap();
+    assert_eq!(volume.values, values.mapv(|value| 0.25 * f32::from(value) + 1.5));
+    let mut missing = values;
+    missing[[0, 0, 0]] = -9;
+    let file = hdf5::File::open_rw(&path).unwrap();
+    file.dataset("extinction").unwrap().write(missing.view()).unwrap();
+    file.close().unwrap();
+    check_refusal(io::read_volume(&path), &path, "NaN");
+}
+
+#[test]
+fn angles_that_do_not_fit_the_camera_are_refused() {
+    let (_folder, path) = place("images.nc");
+    io::write_observation(&path, &observation(), &provenance()).unwrap();
+    let file = hdf5::File::open_rw(&path).unwrap();
+    let angles = Array1::from(vec![10.0, 20.0]);
+    file.dataset("view_zenith_deg").unwrap().write(angles.view()).unwrap();
+    file.close().unwrap();
+    check_refusal(io::read_observation(&path), &path, "view_zenith_deg");
+}
+
+#[test]
+fn a_folder_that_does_not_exist_leaves_nothing_behind() {
+    let (folder, path) = place("no/such/folder/a.nc");
+    let volume = Volume::constant(grid(), 1.0);
+    assert!(io::write_volume(&path, &volume, &provenance()).is_err());
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
+}
