@@ -1,1 +1,110 @@
 //! Radiative transfer: from a scene to its images.
+//!
+//! [`render`] makes the images of a scene, [`radiances`] answers for single rays, and
+//! [`fluxes`] counts where the light that enters through the top leaves. Which method
+//! does the work is a [`Solver`].
+//!
+//! The equation solved is that of unpolarised, monochromatic light in a medium that
+//! scatters and absorbs but does not emit, lit by the Sun, above a Lambertian surface.
+
+mod field;
+mod monte_carlo;
+mod path;
+mod photons;
+
+pub use monte_carlo::{MonteCarloSettings, Radiance};
+pub use photons::{FluxSettings, Fluxes, Share, fluxes};
+
+use crate::error::{Error, Result};
+use crate::image::ViewStack;
+use crate::math::Ray;
+use crate::optics::Interpolation;
+use crate::scene::{Scene, View};
+
+/// How the radiative-transfer equation is solved.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Solver {
+    /// Random light paths from the camera to the Sun: exact up to noise, which the
+    /// answer tells.
+    MonteCarlo(MonteCarloSettings),
+}
+
+impl Default for Solver {
+    fn default() -> Self {
+        Self::MonteCarlo(MonteCarloSettings::default())
+    }
+}
+
+/// The images of a scene.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Rendering {
+    /// Radiance (1/sr for a Sun of unit irradiance), the mean over each pixel's area.
+    pub images: ViewStack,
+    /// Standard error of each pixel, in the same unit.
+    pub standard_error: ViewStack,
+}
+
+/// The images of `scene` by `views`. `progress` is called with the number of image
+/// rows that were just finished, from any thread.
+///
+/// The result does not depend on the number of threads.
+///
+/// # Errors
+/// No view, views of different sizes, a setting out of range, or a trilinear medium
+/// with a single layer.
+pub fn render(
+    scene: &Scene,
+    views: &[View],
+    solver: &Solver,
+    progress: &(dyn Fn(u64) + Sync),
+) -> Result<Rendering> {
+    check_scene(scene)?;
+    check_sizes(views)?;
+    match solver {
+        Solver::MonteCarlo(settings) => monte_carlo::render(scene, views, settings, progress),
+    }
+}
+
+/// The radiance that arrives at the origin of each ray from the direction the ray
+/// goes to. Unlike the rays of a view these may start anywhere and look upwards; the
+/// Sun's disc itself is never seen.
+///
+/// `samples_per_pixel` of the settings is the number of samples of each ray.
+///
+/// # Errors
+/// A setting out of range, or a trilinear medium with a single layer.
+pub fn radiances(
+    scene: &Scene,
+    rays: &[Ray],
+    settings: &MonteCarloSettings,
+) -> Result<Vec<Radiance>> {
+    check_scene(scene)?;
+    monte_carlo::radiances(scene, rays, settings)
+}
+
+fn check_scene(scene: &Scene) -> Result<()> {
+    let shape = scene.medium.extinction.grid.shape;
+    if scene.medium.interpolation == Interpolation::Trilinear && shape.contains(&1) {
+        return Err(Error::out_of_range(
+            "shape [z, y, x] of a trilinear medium",
+            format!("{shape:?}"),
+            "at least 2 along every axis, as the medium lies between voxel centres",
+        ));
+    }
+    Ok(())
+}
+
+fn check_sizes(views: &[View]) -> Result<()> {
+    let Some(first) = views.first() else {
+        return Err(Error::out_of_range("number of views", 0, "at least 1"));
+    };
+    match views.iter().position(|view| (view.rows, view.cols) != (first.rows, first.cols)) {
+        None => Ok(()),
+        Some(number) => Err(Error::mismatch(
+            format!("image size [row, col] of view {number}"),
+            format!("[{}, {}], the size of view 0,", first.rows, first.cols),
+            format!("[{}, {}]", views[number].rows, views[number].cols),
+            "give all views of a stack one size, or render them one by one",
+        )),
+    }
+}
