@@ -3,11 +3,14 @@
 //! Exit status: 0 on success, 1 when a check that was asked for did not hold, 2 on an
 //! error, with one message that names what is at fault and the remedy.
 
+mod carve;
 mod completions;
 mod config;
 mod global;
 mod man;
 mod progress;
+mod score;
+mod sense;
 
 use clap::{Parser, Subcommand};
 use global::Global;
@@ -25,6 +28,9 @@ struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Verb {
+    Sense(sense::Args),
+    Carve(carve::Args),
+    Score(score::Args),
     Config(config::Args),
     Completions(completions::Args),
     Man(man::Args),
@@ -42,6 +48,9 @@ enum Outcome {
 fn run(cli: Cli) -> deepct_core::Result<Outcome> {
     cli.global.start_threads()?;
     match cli.verb {
+        Verb::Sense(args) => sense::run(&args, &cli.global),
+        Verb::Carve(args) => carve::run(&args, &cli.global),
+        Verb::Score(args) => score::run(&args, &cli.global),
         Verb::Config(args) => config::run(&args),
         Verb::Completions(args) => completions::run(&args),
         Verb::Man(args) => man::run(&args),

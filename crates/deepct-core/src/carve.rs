@@ -36,6 +36,24 @@ impl Default for CarveSettings {
     }
 }
 
+impl CarveSettings {
+    /// An error unless the settings can be used.
+    ///
+    /// # Errors
+    /// A threshold that is not finite, an agreement outside `[0, 1]`.
+    pub fn check(&self) -> Result<()> {
+        if !(0.0..=1.0).contains(&self.agreement) {
+            return Err(Error::out_of_range("agreement", self.agreement, "between 0 and 1"));
+        }
+        match self.threshold {
+            Some(threshold) if !threshold.is_finite() => {
+                Err(Error::out_of_range("threshold", threshold, "finite (1/sr)"))
+            }
+            _ => Ok(()),
+        }
+    }
+}
+
 /// A carved mask and what it was made with.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Carved {
@@ -49,16 +67,10 @@ pub struct Carved {
 /// Carve `grid` by the images of `observation`.
 ///
 /// # Errors
-/// A threshold that is not finite, an agreement outside `[0, 1]`, images in which no
-/// threshold can be found.
+/// As [`CarveSettings::check`]; images in which no threshold can be found.
 pub fn carve(observation: &Observation, grid: &Grid, settings: &CarveSettings) -> Result<Carved> {
-    if !(0.0..=1.0).contains(&settings.agreement) {
-        return Err(Error::out_of_range("agreement", settings.agreement, "between 0 and 1"));
-    }
+    settings.check()?;
     let threshold = match settings.threshold {
-        Some(threshold) if !threshold.is_finite() => {
-            return Err(Error::out_of_range("threshold", threshold, "finite (1/sr)"));
-        }
         Some(threshold) => threshold,
         None => cloud_threshold(&observation.images)?,
     };

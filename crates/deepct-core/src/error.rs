@@ -100,4 +100,22 @@ impl Error {
         let path = path.into();
         move |source| Self::Io { path, source }
     }
+
+    /// Names `path` in an error about values that were read from it, to be used with
+    /// `map_err`: a value out of range is then an error of the file.
+    pub fn in_file(path: impl Into<PathBuf>) -> impl Fn(Self) -> Self {
+        let path = path.into();
+        move |error| match error {
+            Self::OutOfRange { name, value, range } => {
+                Self::file(&path, name, format!("is {value}"), format!("it must be {range}"))
+            }
+            Self::Mismatch { what, expected, found, remedy } => Self::Mismatch {
+                what: format!("{}: {what}", path.display()),
+                expected,
+                found,
+                remedy,
+            },
+            other => other,
+        }
+    }
 }

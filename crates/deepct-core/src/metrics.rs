@@ -197,7 +197,12 @@ fn check(truth: &Volume, estimate: &Volume) -> Result<()> {
     }
 }
 
-fn check_truth(truth: &Volume) -> Result<()> {
+/// An error unless `truth` is something to compare with: finite, nowhere negative and
+/// somewhere positive.
+///
+/// # Errors
+/// Names the value at fault.
+pub fn check_truth(truth: &Volume) -> Result<()> {
     truth.check_non_negative("true extinction")?;
     if norm(truth) == 0.0 {
         return Err(Error::out_of_range(

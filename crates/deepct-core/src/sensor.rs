@@ -57,6 +57,29 @@ pub struct Sensed {
     pub electrons_per_radiance: f64,
 }
 
+impl Sensed {
+    /// The standard error of each pixel (1/sr): the sensor's noise and, where it is
+    /// known, the error that the images had before they were sensed.
+    ///
+    /// # Errors
+    /// When `before` is of another shape than the images.
+    pub fn standard_error(&self, before: Option<&ViewStack>) -> Result<ViewStack> {
+        let Some(before) = before else { return Ok(self.noise.clone()) };
+        if before.shape() != self.noise.shape() {
+            return Err(Error::mismatch(
+                "shape [view, row, col] of the standard error",
+                format!("{:?}", self.noise.shape()),
+                format!("{:?}", before.shape()),
+                "give the error of the images that were sensed",
+            ));
+        }
+        let both = ndarray::Zip::from(&self.noise.values)
+            .and(&before.values)
+            .map_collect(|noise, before| noise.hypot(*before));
+        ViewStack::new(both)
+    }
+}
+
 impl Sensor {
     /// The CMV4000 of the paper at 25 degrees Celsius (ams, CMV4000 data sheet).
     pub const CMV4000: Self = Self {
@@ -314,6 +337,20 @@ mod tests {
         assert_ne!(by(1, 3), by(1, 4));
         let sensed = by(1, 3).images;
         assert_ne!(sensed.image(0), sensed.image(1));
+    }
+
+    #[test]
+    fn errors_add_in_squares() {
+        let sensed =
+            sense(&constant(0.2), &Sensor::CMV4000, Scale::ElectronsPerRadiance(1e4), 1).unwrap();
+        let before = ViewStack::new(&sensed.noise.values * 0.75).unwrap();
+        let both = sensed.standard_error(Some(&before)).unwrap();
+        for (both, noise) in both.values.iter().zip(&sensed.noise.values) {
+            assert!((both / noise - 1.25).abs() < 1e-6);
+        }
+        assert_eq!(sensed.standard_error(None).unwrap(), sensed.noise);
+        let other = ViewStack::new(Array3::zeros((1, 2, 3))).unwrap();
+        assert!(sensed.standard_error(Some(&other)).is_err());
     }
 
     #[test]

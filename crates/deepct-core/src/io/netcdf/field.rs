@@ -91,11 +91,11 @@ pub fn read_cloud(path: impl AsRef<Path>) -> Result<Cloud> {
             effective_radius: read("reff")?,
             effective_variance,
         };
-        cloud = Cloud::from_microphysics(grid, droplets).map_err(in_file(path))?;
+        cloud = Cloud::from_microphysics(grid, droplets).map_err(Error::in_file(path))?;
     }
     if extinction {
-        let volume = Volume::new(grid, read("extinction")?).map_err(in_file(path))?;
-        cloud.extinction = Cloud::from_extinction(volume).map_err(in_file(path))?.extinction;
+        let volume = Volume::new(grid, read("extinction")?).map_err(Error::in_file(path))?;
+        cloud.extinction = Cloud::from_extinction(volume).map_err(Error::in_file(path))?.extinction;
     }
     Ok(cloud)
 }
@@ -125,7 +125,7 @@ pub fn read_volume(path: impl AsRef<Path>) -> Result<Volume> {
     let variable = input.variable_on("extinction", &AXES)?;
     let values = variable.reals_3d()?;
     let volume = Volume::new(grid_of(&variable, &input)?, values)?;
-    volume.check_non_negative("extinction").map_err(in_file(path))?;
+    volume.check_non_negative("extinction").map_err(Error::in_file(path))?;
     Ok(volume)
 }
 
@@ -181,24 +181,11 @@ pub fn read_grid(path: impl AsRef<Path>) -> Result<Grid> {
         })?;
         let origin = DVec3::from_array(settings.origin_km);
         let spacing = DVec3::from_array(settings.spacing_km);
-        return Grid::new(origin, spacing, settings.shape).map_err(in_file(path));
+        return Grid::new(origin, spacing, settings.shape).map_err(Error::in_file(path));
     }
     let input = Input::open(path)?;
     let [z, y, x] = AXES.map(|name| input.variable_on(name, &[name]));
     grid_from_axes(&input, [z?, y?, x?])
-}
-
-/// What is out of range in a file is an error of the file.
-fn in_file(path: &Path) -> impl Fn(Error) -> Error {
-    move |error| match error {
-        Error::OutOfRange { name, value, range } => Error::file(
-            path,
-            name,
-            format!("is {value}"),
-            format!("write a file in which it is {range}"),
-        ),
-        other => other,
-    }
 }
 
 /// The coordinates of voxel centres. Spacing and lower edge are recorded beside them,

@@ -1,0 +1,63 @@
+//! `deepct carve`: the voxels that the images allow to hold cloud.
+
+use crate::Outcome;
+use crate::global::Global;
+use deepct_core::carve::{CarveSettings, carve};
+use deepct_core::io::{Provenance, read_grid, read_observation, write_mask};
+use deepct_core::{Error, Result};
+use std::path::{Path, PathBuf};
+
+/// Carve the voxels that may hold cloud out of a grid
+#[derive(Debug, clap::Args)]
+pub(crate) struct Args {
+    /// Images
+    images: PathBuf,
+    /// Grid to carve: that of a cloud or volume, or a TOML file
+    #[arg(long, value_name = "C.nc|GRID.toml")]
+    grid: PathBuf,
+    /// Radiance (1/sr) above which a pixel is cloudy; if not given, it is found from
+    /// the histogram of all views
+    #[arg(long, value_name = "T", allow_negative_numbers = true)]
+    threshold: Option<f32>,
+    /// Share of the views that see a voxel which must see cloud there, from 0 to 1
+    #[arg(long, default_value_t = CarveSettings::default().agreement, value_name = "A")]
+    agreement: f64,
+    /// File of the mask to write
+    #[arg(long, value_name = "M.nc")]
+    out: PathBuf,
+}
+
+pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
+    let settings = CarveSettings { threshold: args.threshold, agreement: args.agreement };
+    settings.check()?;
+    let observation = read_observation(&args.images)?;
+    let grid = read_grid(&args.grid)?;
+    let carved = carve(&observation, &grid, &settings).map_err(Error::in_file(&args.images))?;
+    let resolved = Resolved {
+        images: &args.images,
+        grid: &args.grid,
+        threshold: carved.threshold,
+        agreement: args.agreement,
+    };
+    let provenance = Provenance {
+        title: "Voxels that may hold cloud".into(),
+        configuration: toml::to_string(&resolved).expect("plain numbers and text"),
+        seed: global.seed,
+    };
+    write_mask(&args.out, &carved.mask, &provenance)?;
+    if !global.quiet {
+        let share = carved.mask.count() as f64 / grid.len() as f64;
+        println!("threshold  {:.5} sr-1", carved.threshold);
+        println!("kept       {:.4} of {} voxels", share, grid.len());
+    }
+    Ok(Outcome::Success)
+}
+
+/// What the output records of this run.
+#[derive(Debug, serde::Serialize)]
+struct Resolved<'a> {
+    images: &'a Path,
+    grid: &'a Path,
+    threshold: f32,
+    agreement: f64,
+}

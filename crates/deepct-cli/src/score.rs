@@ -1,0 +1,114 @@
+//! `deepct score`: how far estimates are from the truth.
+
+use crate::Outcome;
+use crate::global::Global;
+use deepct_core::grid::Volume;
+use deepct_core::io::{read_cloud, read_mask};
+use deepct_core::metrics::{MaskScores, Scores, check_truth, score, score_mask};
+use deepct_core::{Error, Result, optics};
+use std::path::{Path, PathBuf};
+
+/// Compare volumes and masks with the truth, a row per file
+#[derive(Debug, clap::Args)]
+pub(crate) struct Args {
+    /// The true cloud
+    #[arg(long, value_name = "C.nc")]
+    truth: PathBuf,
+    /// Estimated volumes, or masks
+    #[arg(required = true, value_name = "V.nc")]
+    estimates: Vec<PathBuf>,
+    /// Print one JSON array with all scores and profiles
+    #[arg(long)]
+    json: bool,
+}
+
+/// The scores of one file.
+#[derive(Debug, serde::Serialize)]
+struct Row<'a> {
+    file: &'a Path,
+    #[serde(flatten)]
+    scores: Kind,
+}
+
+/// What was scored.
+#[derive(Debug, serde::Serialize)]
+#[serde(untagged)]
+enum Kind {
+    Volume(Scores),
+    Mask(MaskScores),
+}
+
+pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
+    let truth = read_extinction(&args.truth)?;
+    check_truth(&truth).map_err(Error::in_file(&args.truth))?;
+    let rows =
+        args.estimates.iter().map(|file| score_file(&truth, file)).collect::<Result<Vec<_>>>()?;
+    if args.json {
+        println!("{}", serde_json::to_string_pretty(&rows).expect("scores are plain numbers"));
+        return Ok(Outcome::Success);
+    }
+    print_table(&rows);
+    if global.verbose > 0 {
+        rows.iter().for_each(print_profile);
+    }
+    Ok(Outcome::Success)
+}
+
+fn read_extinction(path: &Path) -> Result<Volume> {
+    optics::extinction(&read_cloud(path)?).map_err(Error::in_file(path))
+}
+
+/// The scores of a volume, or of a mask where the file holds nothing else.
+fn score_file<'a>(truth: &Volume, file: &'a Path) -> Result<Row<'a>> {
+    let scores = match (read_extinction(file), read_mask(file)) {
+        (Ok(estimate), _) => score(truth, &estimate).map(Kind::Volume),
+        (Err(_), Ok(mask)) => score_mask(truth, &mask).map(Kind::Mask),
+        (Err(problem), Err(_)) => Err(problem),
+    };
+    Ok(Row { file, scores: scores.map_err(Error::in_file(file))? })
+}
+
+fn print_table(rows: &[Row<'_>]) {
+    let width =
+        rows.iter().map(|row| row.file.display().to_string().len()).max().unwrap_or(0).max(4);
+    if rows.iter().any(|row| matches!(row.scores, Kind::Volume(_))) {
+        println!("{:width$}  epsilon    delta  rmse (km-1)  correlation", "file");
+    }
+    for Row { file, scores } in rows {
+        let Kind::Volume(scores) = scores else { continue };
+        let correlation =
+            scores.correlation.map_or("-".into(), |correlation| format!("{correlation:.4}"));
+        println!(
+            "{:width$}  {:7.4}  {:7.4}  {:11.4}  {correlation:>11}",
+            file.display(),
+            scores.relative_error,
+            scores.mass_error,
+            scores.root_mean_square_error,
+        );
+    }
+    if rows.iter().any(|row| matches!(row.scores, Kind::Mask(_))) {
+        println!("{:width$}     kept  extinction missed  false positive  false negative", "file");
+    }
+    for Row { file, scores } in rows {
+        let Kind::Mask(scores) = scores else { continue };
+        println!(
+            "{:width$}  {:7.4}  {:17.5}  {:14.4}  {:14.4}",
+            file.display(),
+            scores.kept,
+            scores.extinction_missed,
+            scores.false_positive,
+            scores.false_negative,
+        );
+    }
+}
+
+fn print_profile(row: &Row<'_>) {
+    let Kind::Volume(scores) = &row.scores else { return };
+    println!("\n{}: mean extinction (km-1) by altitude (km)", row.file.display());
+    println!("altitude    truth  estimate  epsilon");
+    for level in scores.profile.iter().rev() {
+        let error = level.relative_error.map_or("-".into(), |error| format!("{error:.4}"));
+        let (altitude, truth, estimate) = (level.altitude, level.truth, level.estimate);
+        println!("{altitude:8.3}  {truth:7.3}  {estimate:8.3}  {error:>7}");
+    }
+}

@@ -1,0 +1,75 @@
+//! `deepct sense`: the noise of a sensor.
+
+use crate::Outcome;
+use crate::global::Global;
+use deepct_core::io::{Provenance, read_observation, write_observation};
+use deepct_core::sensor::{Scale, Sensor, sense};
+use deepct_core::{Error, Result};
+use std::path::{Path, PathBuf};
+
+/// Add photon, dark, read and quantisation noise to images
+#[derive(Debug, clap::Args)]
+pub(crate) struct Args {
+    /// Images without noise, as `deepct render` writes them
+    images: PathBuf,
+    /// Sensor: cmv4000, or a TOML file with full_well, read_noise (electrons),
+    /// dark_current (electrons/s), bits, exposure (s) and pixel_pitch (um)
+    #[arg(long, default_value = "cmv4000", value_name = "NAME|FILE.toml")]
+    sensor: String,
+    /// Electrons for a radiance of 1/sr; if not given, the brightest pixel over all
+    /// views fills its well
+    #[arg(long, value_name = "E_PER_RADIANCE", allow_negative_numbers = true)]
+    scale: Option<f64>,
+    /// File of noisy images to write
+    #[arg(long, value_name = "N.nc")]
+    out: PathBuf,
+}
+
+pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
+    let sensor = find_sensor(&args.sensor)?;
+    let scale = match args.scale {
+        None => Scale::BrightestAtFullWell,
+        Some(scale) if scale.is_finite() && scale > 0.0 => Scale::ElectronsPerRadiance(scale),
+        Some(scale) => return Err(Error::out_of_range("--scale", scale, "positive and finite")),
+    };
+    let mut observation = read_observation(&args.images)?;
+    let sensed = sense(&observation.images, &sensor, scale, global.seed)
+        .map_err(Error::in_file(&args.images))?;
+    observation.standard_error = Some(sensed.standard_error(observation.standard_error.as_ref())?);
+    observation.images = sensed.images;
+    let resolved = Resolved {
+        images: &args.images,
+        electrons_per_radiance: sensed.electrons_per_radiance,
+        sensor,
+    };
+    let provenance = Provenance {
+        title: "Images with the noise of a sensor".into(),
+        configuration: toml::to_string(&resolved).expect("plain numbers and text"),
+        seed: global.seed,
+    };
+    write_observation(&args.out, &observation, &provenance)?;
+    if !global.quiet {
+        println!("{:.6e} electrons for a radiance of 1/sr", sensed.electrons_per_radiance);
+    }
+    Ok(Outcome::Success)
+}
+
+/// What the output records of this run.
+#[derive(Debug, serde::Serialize)]
+struct Resolved<'a> {
+    images: &'a Path,
+    electrons_per_radiance: f64,
+    sensor: Sensor,
+}
+
+/// A preset by its name, or else a file.
+fn find_sensor(name: &str) -> Result<Sensor> {
+    if let Some(sensor) = Sensor::preset(name) {
+        return Ok(sensor);
+    }
+    if !Path::new(name).exists() {
+        let range = format!("the name of a sensor ({}) or a TOML file", Sensor::PRESETS.join(", "));
+        return Err(Error::out_of_range("--sensor", format!("\"{name}\""), range));
+    }
+    Sensor::from_file(Path::new(name))
+}

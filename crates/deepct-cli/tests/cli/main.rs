@@ -1,0 +1,6 @@
+//! The real program, driven as a user does: its files, its words, its exit status.
+
+mod carve;
+mod program;
+mod score;
+mod sense;
