@@ -22,7 +22,7 @@ const TABLE: [(&str, &[&str]); 19] = [
     ("sensor", &["image", "rng"]),
     ("carve", &["grid", "image", "scene", "traverse"]),
     ("network", &["conv", "grid", "image"]),
-    ("io", &["cloud", "grid", "image", "scene"]),
+    ("io", &["cloud", "grid", "image", "network", "scene"]),
     ("plot", &["grid", "image", "metrics"]),
     // The cases with known answers: each is a scene and what transport makes of it.
     ("validation", &["cloud", "grid", "image", "io", "optics", "scene", "transport"]),

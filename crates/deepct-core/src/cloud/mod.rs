@@ -3,6 +3,13 @@
 //! A [`Cloud`] comes from a large-eddy simulation (read by `io`) or from the
 //! generator here; optics turns it into a scattering medium.
 
+mod droplets;
+mod isolate;
+pub mod resample;
+
+pub use droplets::{LARGEST_RADIUS, effective_radius};
+pub use isolate::{IsolateSettings, Isolated, isolate};
+
 use crate::error::{Error, Result};
 use crate::grid::{Grid, Volume};
 use ndarray::Array3;

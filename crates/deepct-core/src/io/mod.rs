@@ -9,6 +9,7 @@
 
 #[cfg(feature = "files")]
 mod netcdf;
+mod weights;
 
 #[cfg(feature = "files")]
 use crate::error::{Error, Result};
@@ -20,6 +21,9 @@ pub use netcdf::{
     MAX_VALUES, Provenance, read_cloud, read_grid, read_mask, read_observation, read_volume,
     write_cloud, write_mask, write_observation, write_volume,
 };
+#[cfg(feature = "files")]
+pub use weights::write_weights;
+pub use weights::{MAX_WEIGHTS_BYTES, built_in_weights, load_weights, parse_weights, read_weights};
 
 /// An empty file in the folder of `path`, removed unless it is persisted: what an
 /// output is written to until it is complete.

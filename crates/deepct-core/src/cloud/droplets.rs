@@ -1,0 +1,68 @@
+//! The size of droplets from the water that they hold and their number.
+
+use super::{EFFECTIVE_VARIANCE, Microphysics};
+use crate::error::{Error, Result};
+use ndarray::Array3;
+
+/// The largest effective radius that is taken (um): above it droplets collide and
+/// fall out as drizzle, and tables of droplet optics end.
+pub const LARGEST_RADIUS: f32 = 20.0;
+
+/// The cube of the ratio of volume-mean to effective radius: 0.80 in maritime and 0.67
+/// in continental stratocumulus (Martin, Johnson and Spice 1994).
+const SHAPE_FACTOR: f64 = 0.8;
+
+/// The density of liquid water (g/m3).
+const WATER_DENSITY: f64 = 1e6;
+
+/// The effective radius (um) of `number` droplets per cm3 that hold `water` g/m3:
+/// `reff = (3 LWC / (4 pi rho_w k N))^(1/3)` with k = 0.8 (Martin, Johnson and Spice
+/// 1994, "The measurement and parameterization of effective radius of droplets in warm
+/// stratocumulus clouds", equation 10), at most [`LARGEST_RADIUS`]; zero without water.
+pub fn effective_radius(water: f32, number: f64) -> f32 {
+    let per_cubic_metre = 1e6 * number;
+    let cube = 3.0 * f64::from(water)
+        / (4.0 * std::f64::consts::PI * WATER_DENSITY * SHAPE_FACTOR * per_cubic_metre);
+    ((1e6 * cube.cbrt()) as f32).min(LARGEST_RADIUS)
+}
+
+impl Microphysics {
+    /// Droplets of the same number (per cm3) everywhere, from their water (g/m3,
+    /// `[z, y, x]`); effective variance 0.1.
+    ///
+    /// # Errors
+    /// A number of droplets that is not positive and finite.
+    pub fn from_droplet_number(liquid_water_content: Array3<f32>, number: f64) -> Result<Self> {
+        if !(number.is_finite() && number > 0.0) {
+            return Err(Error::out_of_range("droplet number", number, "positive (per cm3)"));
+        }
+        let effective_radius =
+            liquid_water_content.mapv(|water| self::effective_radius(water, number));
+        let effective_variance =
+            Array3::from_elem(liquid_water_content.raw_dim(), EFFECTIVE_VARIANCE);
+        Ok(Self { liquid_water_content, effective_radius, effective_variance })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Droplets of one volume-mean radius r hold `N 4/3 pi r^3 rho` of water, and their
+    /// effective radius is `r / k^(1/3)`.
+    #[test]
+    fn the_water_of_a_known_number_of_droplets() {
+        let (radius, number) = (8e-6_f64, 120.0);
+        let water = 1e6 * number * 4.0 / 3.0 * std::f64::consts::PI * radius.powi(3) * 1e6;
+        let expected = 1e6 * radius / 0.8_f64.cbrt();
+        let found = f64::from(effective_radius(water as f32, number));
+        assert!((found - expected).abs() < 1e-5 * expected, "{found} um, not {expected}");
+    }
+
+    #[test]
+    fn the_radius_has_a_cap_and_is_zero_without_water() {
+        assert_eq!(effective_radius(0.0, 100.0), 0.0);
+        assert_eq!(effective_radius(1e3, 10.0), LARGEST_RADIUS);
+        assert!(Microphysics::from_droplet_number(Array3::zeros((1, 1, 1)), 0.0).is_err());
+    }
+}

@@ -1,0 +1,232 @@
+//! Single clouds out of a periodic field.
+//!
+//! A cloud is a set of columns with water that touch side by side, seen from above and
+//! across the periodic sides. Columns and not voxels are joined: what hangs above or
+//! below in the same column falls into the same pixels, and a column that is kept whole
+//! keeps the optical depth that the simulation gave it.
+
+use super::{Cloud, Microphysics};
+use crate::error::{Error, Result};
+use crate::grid::Grid;
+use crate::math::DVec3;
+use ndarray::{Array2, Array3, Axis};
+
+/// Which clouds are taken, and how large the ground around them is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct IsolateSettings {
+    /// Columns along each side of the square around a cloud.
+    pub side: usize,
+    /// Columns without any cloud that must remain on every side.
+    pub margin: usize,
+    /// A column belongs to a cloud if its water anywhere exceeds this (g/m3).
+    pub threshold: f32,
+    /// The least number of columns of a cloud.
+    pub columns: usize,
+    /// The least liquid water path (g/m2) that a cloud must reach in a column.
+    pub water_path: f32,
+}
+
+impl Default for IsolateSettings {
+    /// Squares of 32 columns; clouds of ten columns or more that reach 20 g/m2 (optical
+    /// depth about 5).
+    fn default() -> Self {
+        Self { side: 32, margin: 1, threshold: 0.01, columns: 10, water_path: 20.0 }
+    }
+}
+
+/// One cloud alone on its ground.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Isolated {
+    /// The cloud, on a grid cut out of the field's; other clouds' water is removed.
+    pub cloud: Cloud,
+    /// The field's row and column of its south-west corner. Counted into the periodic
+    /// neighbours: it may be negative or beyond the field.
+    pub corner: [i64; 2],
+    /// Number of columns that belong to the cloud.
+    pub columns: usize,
+    /// The largest liquid water path of its columns (g/m2).
+    pub water_path: f32,
+}
+
+/// The clouds of a periodic field that are large enough and fit into a square with its
+/// margin, in the order of their first column from south to north, west to east.
+///
+/// # Errors
+/// A field without droplets; a side that leaves no room between the margins or exceeds
+/// the field.
+pub fn isolate(field: &Cloud, settings: &IsolateSettings) -> Result<Vec<Isolated>> {
+    let Some(droplets) = &field.microphysics else {
+        return Err(Error::out_of_range("cloud field", "given by extinction", "with droplets"));
+    };
+    let [_, rows, cols] = field.grid.shape;
+    let fits = settings.side > 2 * settings.margin && settings.side <= rows.min(cols);
+    if !fits {
+        return Err(Error::out_of_range(
+            "side of an isolated cloud",
+            settings.side,
+            format!("above two margins of {} and within {rows} x {cols}", settings.margin),
+        ));
+    }
+    let water = &droplets.liquid_water_content;
+    let highest = water.fold_axis(Axis(0), 0.0_f32, |most, water| most.max(*water));
+    let path = water.sum_axis(Axis(0)) * (1e3 * field.grid.spacing.z) as f32;
+    let mut taken = Array2::from_elem((rows, cols), false);
+    let mut isolated = Vec::new();
+    for start in ndarray::indices((rows, cols)) {
+        if taken[start] || highest[start] <= settings.threshold {
+            continue;
+        }
+        let patch = flood(start, &mut taken, |at| highest[at] > settings.threshold);
+        let wrap = |[row, col]: [i64; 2]| {
+            (row.rem_euclid(rows as i64) as usize, col.rem_euclid(cols as i64) as usize)
+        };
+        let water_path = patch.iter().map(|at| path[wrap(*at)]).fold(0.0, f32::max);
+        if patch.len() < settings.columns || water_path < settings.water_path {
+            continue;
+        }
+        if let Some(corner) = corner(&patch, settings) {
+            let cloud = cut(field, droplets, &patch, corner, settings.side)?;
+            isolated.push(Isolated { cloud, corner, columns: patch.len(), water_path });
+        }
+    }
+    Ok(isolated)
+}
+
+/// The columns that are joined to `start`, unwrapped: each as far from it as one walked.
+/// A patch that meets itself around the domain appears as long as the domain.
+fn flood(
+    start: (usize, usize),
+    taken: &mut Array2<bool>,
+    cloudy: impl Fn((usize, usize)) -> bool,
+) -> Vec<[i64; 2]> {
+    let (rows, cols) = taken.dim();
+    let mut patch = vec![[start.0 as i64, start.1 as i64]];
+    taken[start] = true;
+    let mut next = 0;
+    while let Some(&[row, col]) = patch.get(next) {
+        next += 1;
+        for [row, col] in [[row - 1, col], [row + 1, col], [row, col - 1], [row, col + 1]] {
+            let at = (row.rem_euclid(rows as i64) as usize, col.rem_euclid(cols as i64) as usize);
+            if !taken[at] && cloudy(at) {
+                taken[at] = true;
+                patch.push([row, col]);
+            }
+        }
+    }
+    patch
+}
+
+/// The south-west corner of the square around the middle of the patch's bounding box,
+/// or `None` if the patch does not fit between the margins.
+fn corner(patch: &[[i64; 2]], settings: &IsolateSettings) -> Option<[i64; 2]> {
+    let mut corner = [0; 2];
+    for axis in 0..2 {
+        let low = patch.iter().map(|at| at[axis]).min()?;
+        let high = patch.iter().map(|at| at[axis]).max()?;
+        let length = high - low + 1;
+        if length > (settings.side - 2 * settings.margin) as i64 {
+            return None;
+        }
+        corner[axis] = low - (settings.side as i64 - length) / 2;
+    }
+    Some(corner)
+}
+
+fn cut(
+    field: &Cloud,
+    droplets: &Microphysics,
+    patch: &[[i64; 2]],
+    corner: [i64; 2],
+    side: usize,
+) -> Result<Cloud> {
+    let [levels, rows, cols] = field.grid.shape;
+    let spacing = field.grid.spacing;
+    let offset = DVec3::new(corner[1] as f64, corner[0] as f64, 0.0);
+    let grid = Grid::new(field.grid.origin + offset * spacing, spacing, [levels, side, side])?;
+    let columns = |values: &Array3<f32>| {
+        let mut cut = Array3::zeros(grid.shape);
+        for &[row, col] in patch {
+            let (row_in, col_in) = ((row - corner[0]) as usize, (col - corner[1]) as usize);
+            let row = row.rem_euclid(rows as i64) as usize;
+            let col = col.rem_euclid(cols as i64) as usize;
+            cut.slice_mut(ndarray::s![.., row_in, col_in]).assign(&values.slice(ndarray::s![
+                ..,
+                row,
+                col
+            ]));
+        }
+        cut
+    };
+    let cloud = Cloud::from_microphysics(
+        grid,
+        Microphysics {
+            liquid_water_content: columns(&droplets.liquid_water_content),
+            effective_radius: columns(&droplets.effective_radius),
+            effective_variance: columns(&droplets.effective_variance),
+        },
+    )?;
+    Ok(Cloud { extinction: field.extinction.as_ref().map(columns), ..cloud })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A field of 20 x 20 columns with water in the given ones, one level high.
+    fn field(columns: &[(usize, usize)]) -> Cloud {
+        let grid = Grid::new(DVec3::ZERO, DVec3::new(0.05, 0.05, 0.04), [3, 20, 20]).unwrap();
+        let mut water = Array3::zeros(grid.shape);
+        for (order, &(row, col)) in columns.iter().enumerate() {
+            water[[1, row, col]] = 1.0 + order as f32;
+        }
+        let droplets = Microphysics::from_droplet_number(water, 100.0).unwrap();
+        Cloud::from_microphysics(grid, droplets).unwrap()
+    }
+
+    fn settings(side: usize) -> IsolateSettings {
+        IsolateSettings { side, columns: 1, ..IsolateSettings::default() }
+    }
+
+    fn water(isolated: &Isolated) -> &Array3<f32> {
+        &isolated.cloud.microphysics.as_ref().unwrap().liquid_water_content
+    }
+
+    #[test]
+    fn a_cloud_across_the_corner_is_one() {
+        let field = field(&[(0, 0), (19, 0), (0, 19), (19, 19), (8, 8)]);
+        let clouds = isolate(&field, &settings(6)).unwrap();
+        assert_eq!(clouds.len(), 2);
+        assert_eq!((clouds[0].columns, clouds[0].corner), (4, [-3, -3]));
+        let origin = DVec3::new(-0.15, -0.15, 0.0);
+        assert!(clouds[0].cloud.grid.origin.distance(origin) < 1e-12);
+        let found: Vec<_> = [(2, 2), (2, 3), (3, 2), (3, 3)]
+            .map(|(row, col)| water(&clouds[0])[[1, row, col]])
+            .into();
+        assert_eq!(found, [4.0, 2.0, 3.0, 1.0]);
+        assert_eq!(water(&clouds[0]).sum(), 10.0);
+    }
+
+    #[test]
+    fn the_water_of_a_neighbour_is_removed() {
+        // Two clouds that touch at a corner only, both within the square of each other.
+        let clouds = isolate(&field(&[(5, 5), (6, 6)]), &settings(8)).unwrap();
+        assert_eq!(clouds.len(), 2);
+        assert_eq!((water(&clouds[0]).sum(), water(&clouds[1]).sum()), (1.0, 2.0));
+    }
+
+    #[test]
+    fn large_small_and_thin_clouds_are_left_out() {
+        let row: Vec<_> = (0..5).map(|col| (3, col)).collect();
+        assert_eq!(isolate(&field(&row), &settings(7)).unwrap().len(), 1);
+        assert!(isolate(&field(&row), &settings(6)).unwrap().is_empty());
+        let endless: Vec<_> = (0..20).map(|col| (3, col)).collect();
+        assert!(isolate(&field(&endless), &settings(20)).unwrap().is_empty());
+        let few = IsolateSettings { columns: 6, ..settings(7) };
+        assert!(isolate(&field(&row), &few).unwrap().is_empty());
+        // The wettest column holds 5 g/m3 through 40 m.
+        let thin = IsolateSettings { water_path: 200.1, ..settings(7) };
+        assert!(isolate(&field(&row), &thin).unwrap().is_empty());
+        assert!(isolate(&field(&row), &settings(21)).is_err());
+        assert!(isolate(&field(&row), &settings(2)).is_err());
+    }
+}

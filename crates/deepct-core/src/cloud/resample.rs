@@ -1,0 +1,233 @@
+//! A cloud on another grid.
+//!
+//! Axis by axis. Where the new cells are as large as the old ones or larger, a new
+//! value is the mean of the old cells that it overlaps, weighted by the overlap, so no
+//! water is gained or lost (first-order conservative). Where they are smaller, values
+//! are interpolated linearly between the old cell centres. Outside the old cells there
+//! is no water.
+
+use super::{Cloud, Microphysics};
+use crate::error::{Error, Result};
+use crate::grid::Grid;
+use ndarray::{Array1, Array3, Axis};
+
+/// How one new cell is made from old ones: their numbers and weights.
+type Row = Vec<(usize, f32)>;
+
+/// The edges of cells (km) whose centres are given, ascending: half way between the
+/// centres; the outermost cells are symmetric around theirs.
+///
+/// # Errors
+/// Fewer than two centres, or centres that do not ascend.
+pub fn edges(centres: &[f64]) -> Result<Vec<f64>> {
+    if centres.len() < 2 || !centres.is_sorted_by(|a, b| a < b) {
+        return Err(Error::out_of_range(
+            "cell centres",
+            format!("{} values", centres.len()),
+            "two or more, ascending",
+        ));
+    }
+    let last = centres.len() - 1;
+    let mut edges = vec![1.5 * centres[0] - 0.5 * centres[1]];
+    edges.extend(centres.windows(2).map(|pair| 0.5 * (pair[0] + pair[1])));
+    edges.push(1.5 * centres[last] - 0.5 * centres[last - 1]);
+    Ok(edges)
+}
+
+/// Bring `values` `[z, y, x]`, on cells with the given `edges` along z, y and x (km,
+/// one more than cells), onto `grid`.
+///
+/// # Errors
+/// When an axis of `values` does not have one cell between every two edges.
+pub fn resample(values: &Array3<f32>, edges: [&[f64]; 3], grid: &Grid) -> Result<Array3<f32>> {
+    let mut values = values.clone();
+    for (axis, edges) in edges.into_iter().enumerate() {
+        if edges.len() != values.shape()[axis] + 1 {
+            return Err(Error::mismatch(
+                "cell edges",
+                values.shape()[axis] + 1,
+                edges.len(),
+                "give one edge more than cells",
+            ));
+        }
+        // Grid vectors are x, y, z; array axes are z, y, x.
+        let (origin, step) = (grid.origin[2 - axis], grid.spacing[2 - axis]);
+        let count = grid.shape[axis];
+        if !same_cells(edges, origin, step, count) {
+            values = along(&values, Axis(axis), &rows(edges, origin, step, count));
+        }
+    }
+    Ok(values)
+}
+
+/// Bring a cloud from cells with the given `edges` along z, y and x (km) onto `grid`.
+/// Where droplets are known, liquid water and extinction are resampled and the radius
+/// follows from the two; the effective variance is weighted by the water.
+///
+/// # Errors
+/// As [`resample`].
+pub fn resample_droplets(
+    droplets: &Microphysics,
+    edges: [&[f64]; 3],
+    grid: &Grid,
+) -> Result<Cloud> {
+    let Microphysics { liquid_water_content: water, effective_radius, effective_variance } =
+        droplets;
+    let area = ndarray::Zip::from(water)
+        .and(effective_radius)
+        .map_collect(|&water, &radius| if water > 0.0 { water / radius } else { 0.0 });
+    let spread = ndarray::Zip::from(water)
+        .and(effective_variance)
+        .map_collect(|&water, &variance| water * variance);
+    let [water, area, spread] = [water, &area, &spread].map(|field| resample(field, edges, grid));
+    let (water, area, spread) = (water?, area?, spread?);
+    let ratio = |above: &Array3<f32>, below: &Array3<f32>| {
+        ndarray::Zip::from(above)
+            .and(below)
+            .map_collect(|&above, &below| if below > 0.0 { above / below } else { 0.0 })
+    };
+    let effective_radius = ratio(&water, &area);
+    let effective_variance = ratio(&spread, &water);
+    Cloud::from_microphysics(
+        *grid,
+        Microphysics { liquid_water_content: water, effective_radius, effective_variance },
+    )
+}
+
+fn same_cells(edges: &[f64], origin: f64, step: f64, count: usize) -> bool {
+    let expected = |index: usize| origin + step * index as f64;
+    edges.len() == count + 1
+        && edges.iter().enumerate().all(|(i, edge)| (edge - expected(i)).abs() <= 1e-3 * step)
+}
+
+fn rows(edges: &[f64], origin: f64, step: f64, count: usize) -> Vec<Row> {
+    let widest = edges.windows(2).map(|pair| pair[1] - pair[0]).fold(0.0, f64::max);
+    (0..count)
+        .map(|index| {
+            let lower = origin + step * index as f64;
+            if step >= 0.999 * widest {
+                overlap(edges, lower, lower + step)
+            } else {
+                between(edges, lower + 0.5 * step)
+            }
+        })
+        .collect()
+}
+
+/// The mean over the cells between `lower` and `upper`.
+fn overlap(edges: &[f64], lower: f64, upper: f64) -> Row {
+    let first = edges.partition_point(|edge| *edge <= lower).saturating_sub(1);
+    edges[first..]
+        .windows(2)
+        .enumerate()
+        .take_while(|(_, cell)| cell[0] < upper)
+        .map(|(offset, cell)| {
+            let share = (cell[1].min(upper) - cell[0].max(lower)) / (upper - lower);
+            (first + offset, share as f32)
+        })
+        .filter(|(_, share)| *share > 0.0)
+        .collect()
+}
+
+/// Linear interpolation between cell centres; the outermost half cells are constant.
+fn between(edges: &[f64], at: f64) -> Row {
+    let cells = edges.len() - 1;
+    if at < edges[0] || at > edges[cells] {
+        return Vec::new();
+    }
+    let centre = |cell: usize| 0.5 * (edges[cell] + edges[cell + 1]);
+    let above = (0..cells).position(|cell| centre(cell) > at).unwrap_or(cells);
+    if above == 0 || above == cells {
+        return vec![(above.min(cells - 1), 1.0)];
+    }
+    let share = (at - centre(above - 1)) / (centre(above) - centre(above - 1));
+    vec![(above - 1, (1.0 - share) as f32), (above, share as f32)]
+}
+
+fn along(values: &Array3<f32>, axis: Axis, rows: &[Row]) -> Array3<f32> {
+    let mut shape = values.raw_dim();
+    shape[axis.index()] = rows.len();
+    let mut result = Array3::zeros(shape);
+    for (row, mut lane) in rows.iter().zip(result.axis_iter_mut(axis)) {
+        for &(cell, weight) in row {
+            lane.scaled_add(weight, &values.index_axis(axis, cell));
+        }
+    }
+    result
+}
+
+/// The edges of a uniform axis.
+pub fn uniform_edges(lower: f64, spacing: f64, count: usize) -> Vec<f64> {
+    Array1::from_iter((0..=count).map(|index| lower + spacing * index as f64)).to_vec()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::DVec3;
+
+    fn wavy(shape: [usize; 3]) -> Array3<f32> {
+        Array3::from_shape_fn(shape, |(k, j, i)| ((k * 7 + j * 5 + i * 3) % 11) as f32)
+    }
+
+    #[test]
+    fn coarser_and_shifted_cells_keep_all_the_water() {
+        let z = edges(&[0.1, 0.2, 0.4, 0.7, 1.0]).unwrap();
+        let (y, x) = (uniform_edges(0.0, 0.02, 9), uniform_edges(0.0, 0.03, 8));
+        let values = wavy([5, 9, 8]);
+        let grid = Grid::new(DVec3::new(-0.01, 0.0, 0.0), DVec3::new(0.05, 0.07, 0.35), [4, 3, 6])
+            .unwrap();
+        let coarse = resample(&values, [&z, &y, &x], &grid).unwrap();
+        let before: f64 = values
+            .indexed_iter()
+            .map(|((k, ..), value)| f64::from(*value) * (z[k + 1] - z[k]) * 0.02 * 0.03)
+            .sum();
+        let after = coarse.iter().map(|value| f64::from(*value)).sum::<f64>() * 0.05 * 0.07 * 0.35;
+        assert!((after / before - 1.0).abs() < 1e-6, "{before} g became {after} g");
+    }
+
+    #[test]
+    fn finer_cells_follow_a_straight_line() {
+        let x = uniform_edges(0.0, 0.1, 6);
+        let values = Array3::from_shape_fn((1, 1, 6), |(_, _, i)| 2.0 * (i as f32 + 0.5) * 0.1);
+        let one = [0.0, 1.0];
+        let grid = Grid::new(DVec3::ZERO, DVec3::new(0.025, 1.0, 1.0), [1, 1, 24]).unwrap();
+        let fine = resample(&values, [&one, &one, &x], &grid).unwrap();
+        for i in 2..22 {
+            let expected = 2.0 * grid.voxel_center([0, 0, i]).x as f32;
+            assert!((fine[[0, 0, i]] - expected).abs() < 1e-6);
+        }
+    }
+
+    #[test]
+    fn the_same_cells_are_left_as_they_are() {
+        let values = wavy([3, 4, 5]);
+        let grid = Grid::new(DVec3::new(0.1, 0.2, 0.3), DVec3::splat(0.05), [3, 4, 5]).unwrap();
+        let edges: Vec<_> =
+            (0..3).map(|a| uniform_edges(grid.origin[2 - a], 0.05, grid.shape[a])).collect();
+        let same = resample(&values, [&edges[0], &edges[1], &edges[2]], &grid).unwrap();
+        assert_eq!(same, values);
+    }
+
+    #[test]
+    fn droplets_keep_water_and_extinction() {
+        let droplets = Microphysics {
+            liquid_water_content: wavy([2, 4, 4]),
+            effective_radius: wavy([2, 4, 4]).mapv(|value| 5.0 + value),
+            effective_variance: Array3::from_elem((2, 4, 4), 0.1),
+        };
+        let edges = [uniform_edges(0.0, 1.0, 2), uniform_edges(0.0, 1.0, 4)];
+        let grid = Grid::new(DVec3::ZERO, DVec3::new(2.0, 2.0, 1.0), [2, 2, 2]).unwrap();
+        let cloud = resample_droplets(&droplets, [&edges[0], &edges[1], &edges[1]], &grid);
+        let coarse = cloud.unwrap().microphysics.unwrap();
+        let sum = |droplets: &Microphysics| -> (f32, f32) {
+            let pairs = droplets.liquid_water_content.iter().zip(&droplets.effective_radius);
+            pairs.fold((0.0, 0.0), |(water, area), (w, r)| {
+                (water + w, area + if *w > 0.0 { w / r } else { 0.0 })
+            })
+        };
+        let (before, after) = (sum(&droplets), sum(&coarse));
+        assert!((4.0 * after.0 / before.0 - 1.0).abs() < 1e-5);
+        assert!((4.0 * after.1 / before.1 - 1.0).abs() < 1e-5);
+    }
+}

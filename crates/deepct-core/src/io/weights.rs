@@ -1,0 +1,372 @@
+//! Weights files: safetensors with what the weights are for in the header.
+//!
+//! # The file, version 1
+//! A safetensors file of little-endian `F32` tensors in C order:
+//!
+//! | tensor | shape | |
+//! |---|---|---|
+//! | `layers.{i}.weight` | `[out, in, 3, 3]` | the kernels of convolution `i` (0 is the first), as PyTorch's `Conv2d.weight` |
+//! | `layers.{i}.bias` | `[out]` | its bias |
+//!
+//! The batch norm of a layer is folded into these two (in f64, rounded once). A file may
+//! instead keep it beside them, and then it is folded when the file is read: all four of
+//! `layers.{i}.batch_norm.weight`, `.bias`, `.running_mean` and `.running_var`, each
+//! `[out]`, with the epsilon [`BATCH_NORM_EPSILON`](crate::network::BATCH_NORM_EPSILON).
+//! No other tensor may be in the file.
+//!
+//! The header's `__metadata__` has the one key `deepct`, and its value is this JSON
+//! object (shown for 10 views and 3 layers; all keys are required, none may be added; all
+//! numbers are finite):
+//!
+//! ```json
+//! {
+//!   "format_version": 1,
+//!   "formation": "cloudct-10",
+//!   "architecture": { "channels": [10, 12, 14, 32], "last_relu": true },
+//!   "view_geometry": {
+//!     "sun_zenith_deg": 30.0,
+//!     "sun_azimuth_deg": 45.0,
+//!     "view_zenith_deg": [46.0, 34.0, 26.0, 18.0, 9.0, 0.0, 9.0, 18.0, 26.0, 34.0],
+//!     "view_azimuth_deg": [180.0, 180.0, 180.0, 180.0, 180.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+//!     "pixel_km": [0.067, 0.058, 0.054, 0.052, 0.051, 0.050, 0.051, 0.052, 0.054, 0.058]
+//!   },
+//!   "target_altitude_km": 1.0,
+//!   "wavelength_um": 0.672,
+//!   "image_layout": "camera",
+//!   "horizontal_spacing_km": [0.05, 0.05],
+//!   "levels": { "bottom_km": 0.4, "count": 32, "spacing_km": 0.04 },
+//!   "input_scale": 10.0,
+//!   "output_scale": 1.0,
+//!   "training": { "data": "bomex", "identity": "SHA-256 of the manifest", "samples": 1000, "seed": 1 },
+//!   "scores": { "epsilon": 0.5, "delta": 0.1 },
+//!   "program": "weights_tools 0.1.0",
+//!   "configuration": { "epochs": 100 }
+//! }
+//! ```
+//!
+//! | key | meaning |
+//! |---|---|
+//! | `architecture.channels` | channels before, between and after the layers: the first is the number of views, the last `levels.count` |
+//! | `architecture.last_relu` | whether a ReLU follows the last layer; one follows every other layer always |
+//! | `view_geometry` | as [`ViewGeometry`](crate::image::ViewGeometry): angles at the scene in degrees, zeniths in `[0, 90)`, azimuths clockwise from north towards the Sun or the satellite; the size of a pixel at the target (km); lists by view, in the order of the input channels |
+//! | `target_altitude_km` | altitude of the point that the middle of every image shows |
+//! | `image_layout` | `"camera"`: the images enter as the cameras took them |
+//! | `horizontal_spacing_km` | voxel size along x and y: one output pixel is one column of voxels |
+//! | `levels` | output channel `k` is the altitude `bottom_km + k * spacing_km` to `bottom_km + (k + 1) * spacing_km` |
+//! | `input_scale` | network input = radiance (1/sr) x `input_scale` |
+//! | `output_scale` | extinction (1/km) = network output x `output_scale` |
+//! | `scores` | any names; `epsilon` and `delta` are those of the validation set, as fractions |
+//! | `configuration` | the resolved configuration of the training, any JSON |
+
+use crate::error::{Error, Result};
+use crate::network::{BatchNorm, LayerWeights, Weights, WeightsMetadata};
+use ndarray::{Array, Dimension, IntoDimension};
+use safetensors::tensor::TensorView;
+use safetensors::{Dtype, SafeTensors};
+use std::collections::{BTreeMap, HashMap};
+use std::path::Path;
+
+/// The largest weights file that is read (bytes); the paper's two are below 3 MB.
+pub const MAX_WEIGHTS_BYTES: u64 = 1 << 30;
+
+/// The key of the header's metadata that holds ours.
+const METADATA_KEY: &str = "deepct";
+
+/// The weights that are part of the program, by name.
+const BUILT_IN: [(&str, &[u8]); 0] = [];
+
+/// The names that [`load_weights`] takes instead of a file.
+pub fn built_in_weights() -> impl Iterator<Item = &'static str> {
+    BUILT_IN.iter().map(|(name, _)| *name)
+}
+
+/// Weights from a file, or from the program itself by name.
+///
+/// # Errors
+/// As [`read_weights`]; a file that is missing is told the built-in names.
+pub fn load_weights(name_or_path: impl AsRef<Path>) -> Result<Weights> {
+    let path = name_or_path.as_ref();
+    let built_in = BUILT_IN.iter().find(|(name, _)| Path::new(name) == path);
+    match built_in {
+        Some((_, bytes)) => parse_weights(bytes, path),
+        None => read_weights(path),
+    }
+}
+
+/// Weights from a file.
+///
+/// # Errors
+/// A file that cannot be read, is larger than [`MAX_WEIGHTS_BYTES`], is truncated or not
+/// safetensors; metadata that is missing, incomplete or out of range; a layer that is
+/// missing, one too many, of a wrong shape or type, or with a value that is not finite.
+pub fn read_weights(path: impl AsRef<Path>) -> Result<Weights> {
+    let path = path.as_ref();
+    let size = std::fs::metadata(path).map_err(Error::io(path))?.len();
+    if size > MAX_WEIGHTS_BYTES {
+        let problem = format!("is {size} bytes, more than {MAX_WEIGHTS_BYTES}");
+        return Err(Error::file(path, "file", problem, "give a file of weights"));
+    }
+    let bytes = std::fs::read(path).map_err(Error::io(path))?;
+    parse_weights(&bytes, path)
+}
+
+/// Weights from the bytes of a file; `path` is for messages.
+///
+/// # Errors
+/// As [`read_weights`].
+pub fn parse_weights(bytes: &[u8], path: &Path) -> Result<Weights> {
+    let damaged = |problem: safetensors::SafeTensorError| {
+        let remedy = "the file is damaged or not safetensors: export it again";
+        Error::file(path, "header", problem.to_string(), remedy)
+    };
+    let (_, header) = SafeTensors::read_metadata(bytes).map_err(damaged)?;
+    let metadata = parse_metadata(header.metadata().as_ref(), path)?;
+    let tensors = SafeTensors::deserialize(bytes).map_err(damaged)?;
+    let mut tensors: BTreeMap<String, TensorView<'_>> = tensors.tensors().into_iter().collect();
+    let mut layers = Vec::new();
+    for (index, (input, output)) in metadata.architecture.layer_channels().enumerate() {
+        let mut source = LayerTensors { path, index, tensors: &mut tensors };
+        layers.push(source.layer(input, output)?);
+    }
+    if let Some(name) = tensors.keys().next() {
+        let problem = format!("is not a tensor of a network with {} layers", layers.len());
+        return Err(Error::file(path, name, problem, "export the weights again"));
+    }
+    Weights::new(metadata, layers)
+        .map_err(|problem| Error::file(path, "weights", problem.to_string(), "export them again"))
+}
+
+fn parse_metadata(
+    header: Option<&HashMap<String, String>>,
+    path: &Path,
+) -> Result<WeightsMetadata> {
+    let remedy = "export the weights with weights_tools, which writes it";
+    let invalid = |problem: String| Error::file(path, "metadata", problem, remedy);
+    let text = header
+        .and_then(|header| header.get(METADATA_KEY))
+        .ok_or_else(|| invalid(format!("there is no \"{METADATA_KEY}\" in the header")))?;
+    let metadata: WeightsMetadata =
+        serde_json::from_str(text).map_err(|problem| invalid(problem.to_string()))?;
+    metadata.check().map_err(|problem| invalid(problem.to_string()))?;
+    Ok(metadata)
+}
+
+/// The tensors of one layer, taken out of a file's.
+struct LayerTensors<'a, 'data> {
+    path: &'a Path,
+    index: usize,
+    tensors: &'a mut BTreeMap<String, TensorView<'data>>,
+}
+
+impl LayerTensors<'_, '_> {
+    fn layer(&mut self, input: usize, output: usize) -> Result<LayerWeights> {
+        let weight = self.take("weight", (output, input, 3, 3))?;
+        let layer = LayerWeights { weight, bias: self.take("bias", output)? };
+        let prefix = format!("layers.{}.batch_norm.", self.index);
+        if !self.tensors.keys().any(|name| name.starts_with(&prefix)) {
+            return Ok(layer);
+        }
+        let norm = BatchNorm {
+            weight: self.take("batch_norm.weight", output)?,
+            bias: self.take("batch_norm.bias", output)?,
+            running_mean: self.take("batch_norm.running_mean", output)?,
+            running_var: self.take("batch_norm.running_var", output)?,
+        };
+        norm.fold_into(&layer).map_err(|problem| self.invalid("batch_norm", problem.to_string()))
+    }
+
+    /// The tensor `layers.{index}.{name}`, which must be `F32` and of that shape.
+    fn take<D: Dimension>(
+        &mut self,
+        name: &str,
+        shape: impl IntoDimension<Dim = D>,
+    ) -> Result<Array<f32, D>> {
+        let shape = shape.into_dimension();
+        let full_name = format!("layers.{}.{name}", self.index);
+        let Some(tensor) = self.tensors.remove(&full_name) else {
+            return Err(self.invalid(name, "is missing".into()));
+        };
+        if tensor.dtype() != Dtype::F32 {
+            return Err(self.invalid(name, format!("is {:?}, but must be F32", tensor.dtype())));
+        }
+        if tensor.shape() != shape.slice() {
+            let (found, expected) = (tensor.shape(), shape.slice());
+            let problem = format!("has the shape {found:?}, but must have {expected:?}");
+            return Err(self.invalid(name, problem));
+        }
+        let (values, _) = tensor.data().as_chunks::<4>();
+        let values: Vec<f32> = values.iter().map(|bytes| f32::from_le_bytes(*bytes)).collect();
+        if let Some(value) = values.iter().find(|value| !value.is_finite()) {
+            return Err(self.invalid(name, format!("holds {value}")));
+        }
+        Array::from_shape_vec(shape, values).map_err(|e| self.invalid(name, e.to_string()))
+    }
+
+    fn invalid(&self, name: &str, problem: String) -> Error {
+        let field = format!("layers.{}.{name}", self.index);
+        Error::file(self.path, field, problem, "export the weights again")
+    }
+}
+
+/// Write weights to a file.
+///
+/// # Errors
+/// A folder that cannot be written to.
+#[cfg(feature = "files")]
+pub fn write_weights(path: impl AsRef<Path>, weights: &Weights) -> Result<()> {
+    let path = path.as_ref();
+    let bytes = weights_to_bytes(weights)
+        .map_err(|problem| Error::file(path, "weights", problem, "this is an error of deepct"))?;
+    let partial = super::temporary_beside(path)?;
+    std::fs::write(&partial, bytes).map_err(Error::io(path))?;
+    partial.persist(path).map_err(|problem| Error::io(path)(problem.error))
+}
+
+/// The bytes of a weights file.
+#[cfg(feature = "files")]
+fn weights_to_bytes(weights: &Weights) -> std::result::Result<Vec<u8>, String> {
+    let mut tensors = Vec::new();
+    for (index, layer) in weights.layers.iter().enumerate() {
+        for (name, shape, values) in [
+            ("weight", layer.weight.shape(), layer.weight.iter().collect::<Vec<_>>()),
+            ("bias", layer.bias.shape(), layer.bias.iter().collect()),
+        ] {
+            let bytes: Vec<u8> = values.into_iter().flat_map(|v| v.to_le_bytes()).collect();
+            tensors.push((format!("layers.{index}.{name}"), shape.to_vec(), bytes));
+        }
+    }
+    let mut views = Vec::new();
+    for (name, shape, bytes) in &tensors {
+        let view = TensorView::new(Dtype::F32, shape.clone(), bytes).map_err(|e| e.to_string())?;
+        views.push((name, view));
+    }
+    let json = serde_json::to_string(&weights.metadata).map_err(|e| e.to_string())?;
+    let header = HashMap::from([(METADATA_KEY.to_string(), json)]);
+    safetensors::serialize(views, Some(header)).map_err(|e| e.to_string())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::network::weights;
+
+    /// A file made by hand, so that each test can break one thing of it.
+    struct Draft {
+        json: serde_json::Value,
+        tensors: Vec<(String, Dtype, Vec<usize>, Vec<f32>)>,
+    }
+
+    impl Draft {
+        fn of(weights: &Weights) -> Self {
+            let json = serde_json::to_value(&weights.metadata).unwrap();
+            let mut tensors = Vec::new();
+            for (index, layer) in weights.layers.iter().enumerate() {
+                let shapes = [layer.weight.shape().to_vec(), layer.bias.shape().to_vec()];
+                let [weight_shape, bias_shape] = shapes;
+                let weight: Vec<f32> = layer.weight.iter().copied().collect();
+                tensors.push((format!("layers.{index}.weight"), Dtype::F32, weight_shape, weight));
+                let bias = layer.bias.to_vec();
+                tensors.push((format!("layers.{index}.bias"), Dtype::F32, bias_shape, bias));
+            }
+            Self { json, tensors }
+        }
+
+        fn bytes(&self) -> Vec<u8> {
+            let data: Vec<Vec<u8>> = self
+                .tensors
+                .iter()
+                .map(|(.., values)| values.iter().flat_map(|v| v.to_le_bytes()).collect())
+                .collect();
+            let views = self.tensors.iter().zip(&data).map(|((name, dtype, shape, _), data)| {
+                (name, TensorView::new(*dtype, shape.clone(), data).unwrap())
+            });
+            let header = HashMap::from([("deepct".to_string(), self.json.to_string())]);
+            safetensors::serialize(views, Some(header)).unwrap()
+        }
+
+        fn error(&self) -> String {
+            parse_weights(&self.bytes(), Path::new("w.safetensors")).unwrap_err().to_string()
+        }
+    }
+
+    #[test]
+    fn what_is_written_is_read() {
+        let weights = weights(&[3, 5, 4], 7);
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("w.safetensors");
+        write_weights(&path, &weights).unwrap();
+        assert_eq!(load_weights(&path).unwrap(), weights);
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+        assert_eq!(parse_weights(&Draft::of(&weights).bytes(), &path).unwrap(), weights);
+    }
+
+    #[test]
+    fn a_batch_norm_in_the_file_is_folded() {
+        let weights = weights(&[3, 4], 7);
+        let mut draft = Draft::of(&weights);
+        for (name, values) in [
+            ("weight", [1.5, 2.0, 0.5, -1.0]),
+            ("bias", [0.1, 0.2, 0.3, 0.4]),
+            ("running_mean", [0.0, 1.0, -1.0, 0.5]),
+            ("running_var", [1.0, 4.0, 0.25, 9.0]),
+        ] {
+            let name = format!("layers.0.batch_norm.{name}");
+            draft.tensors.push((name, Dtype::F32, vec![4], values.to_vec()));
+        }
+        let folded = parse_weights(&draft.bytes(), Path::new("w")).unwrap();
+        // (w - mean) / sqrt(var + eps) * gamma + beta, by hand for channel 1.
+        let factor = 2.0 / 4.00001_f64.sqrt();
+        let expected = (f64::from(weights.layers[0].bias[1]) - 1.0) * factor + 0.2;
+        assert!((f64::from(folded.layers[0].bias[1]) - expected).abs() < 1e-6);
+        draft.tensors.pop();
+        assert!(draft.error().contains("layers.0.batch_norm.running_var: is missing"));
+    }
+
+    #[test]
+    fn a_damaged_file_is_refused_with_the_tensor_at_fault() {
+        let weights = weights(&[3, 5, 4], 7);
+        type Change = fn(&mut Draft);
+        let changes: [(Change, &str); 9] = [
+            (|d| drop(d.tensors.remove(2)), "layers.1.weight: is missing"),
+            (|d| d.tensors[3].1 = Dtype::I32, "layers.1.bias: is I32, but must be F32"),
+            (
+                |d| d.tensors[0].2 = vec![5, 9, 3, 1],
+                "layers.0.weight: has the shape [5, 9, 3, 1], but must have [5, 3, 3, 3]",
+            ),
+            (|d| d.tensors[2].3[7] = f32::NAN, "layers.1.weight: holds NaN"),
+            (
+                |d| d.tensors.push(("layers.2.bias".into(), Dtype::F32, vec![1], vec![0.0])),
+                "layers.2.bias: is not a tensor of a network with 2 layers",
+            ),
+            (
+                |d| d.json["architecture"]["channels"] = serde_json::json!([3, 6, 4]),
+                "layers.0.weight: has the shape [5, 3, 3, 3], but must have [6, 3, 3, 3]",
+            ),
+            (|d| d.json["formation"] = serde_json::json!(3), "metadata: invalid type"),
+            (|d| d.json["extra"] = serde_json::json!(3), "unknown field `extra`"),
+            (|d| d.json["levels"]["count"] = serde_json::json!(5), "levels.count"),
+        ];
+        for (change, message) in changes {
+            let mut draft = Draft::of(&weights);
+            change(&mut draft);
+            let error = draft.error();
+            assert!(error.starts_with("w.safetensors: ") && error.contains(message), "{error}");
+        }
+    }
+
+    #[test]
+    fn bytes_that_are_no_weights_are_refused() {
+        let whole = Draft::of(&weights(&[3, 4], 7)).bytes();
+        for cut in [0, 7, 8, 50, whole.len() - 1] {
+            let error = parse_weights(&whole[..cut], Path::new("w")).unwrap_err().to_string();
+            assert!(error.contains("damaged"), "{error}");
+        }
+        // A header that declares more bytes than any machine has.
+        let huge = [u64::MAX.to_le_bytes().as_slice(), &whole[8..]].concat();
+        assert!(parse_weights(&huge, Path::new("w")).is_err());
+        let bare = safetensors::serialize(Vec::<(String, TensorView<'_>)>::new(), None).unwrap();
+        let error = parse_weights(&bare, Path::new("w")).unwrap_err().to_string();
+        assert!(error.contains("there is no \"deepct\" in the header"), "{error}");
+        assert!(matches!(load_weights("no-such-file"), Err(Error::Io { .. })));
+    }
+}

@@ -1,0 +1,308 @@
+//! What weights are for: the numbers that images must match to be used with them.
+
+use super::Architecture;
+use crate::error::{Error, Result};
+use crate::image::ViewGeometry;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+
+/// The version of the metadata that this program writes and reads.
+pub const FORMAT_VERSION: u32 = 1;
+
+/// Largest difference of a view or of the Sun from what the weights are for (degrees).
+const ANGLE_TOLERANCE_DEG: f64 = 0.1;
+/// Largest relative difference of the size of a pixel and of the wavelength.
+const RELATIVE_TOLERANCE: f64 = 0.01;
+/// Largest difference of the altitude looked at, in levels.
+const LEVEL_TOLERANCE: f64 = 0.1;
+
+/// What weights are for, how they are used, and where they come from.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct WeightsMetadata {
+    /// [`FORMAT_VERSION`].
+    pub format_version: u32,
+    /// Name of the formation of satellites, such as `cloudct-10`.
+    pub formation: String,
+    /// The layers.
+    pub architecture: Architecture,
+    /// Sun, views and size of the pixels.
+    pub view_geometry: ViewGeometry,
+    /// Altitude of the point that the middle of every image shows (km).
+    pub target_altitude_km: f64,
+    /// Wavelength of the images (um).
+    pub wavelength_um: f64,
+    /// How the images lie on the horizontal plane.
+    pub image_layout: ImageLayout,
+    /// Voxel size along x and y (km); one pixel of the output is one column of voxels.
+    pub horizontal_spacing_km: [f64; 2],
+    /// The altitudes of the output.
+    pub levels: Levels,
+    /// Input of the network = radiance (1/sr) x `input_scale`.
+    pub input_scale: f64,
+    /// Extinction (1/km) = output of the network x `output_scale`.
+    pub output_scale: f64,
+    /// What the weights were trained on.
+    pub training: Training,
+    /// The scores reached, by name; `epsilon` and `delta` on the validation set.
+    pub scores: BTreeMap<String, f64>,
+    /// Name and version of the program that wrote the file.
+    pub program: String,
+    /// The resolved configuration of the training.
+    pub configuration: serde_json::Value,
+}
+
+/// How the images were laid on the horizontal plane before they enter the network.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum ImageLayout {
+    /// As the cameras took them: pixel `[row, col]` of every view is one input pixel.
+    Camera,
+}
+
+/// The altitudes of the output: channel `k` is the mean over
+/// `bottom_km + k * spacing_km` to `bottom_km + (k + 1) * spacing_km`.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Levels {
+    /// Altitude of the bottom of the lowest level (km).
+    pub bottom_km: f64,
+    /// Number of levels.
+    pub count: usize,
+    /// Height of a level (km).
+    pub spacing_km: f64,
+}
+
+/// What weights were trained on.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Training {
+    /// Name of the data set.
+    pub data: String,
+    /// What identifies the data set's content: the SHA-256 of its manifest.
+    pub identity: String,
+    /// Number of samples trained on.
+    pub samples: u64,
+    /// Seed of the training's random numbers.
+    pub seed: u64,
+}
+
+impl WeightsMetadata {
+    /// An error unless the numbers are in range and fit each other.
+    ///
+    /// # Errors
+    /// Another format version, an angle, scale or spacing out of its range, or lists
+    /// whose lengths are not the number of views.
+    pub fn check(&self) -> Result<()> {
+        if self.format_version != FORMAT_VERSION {
+            return Err(Error::mismatch(
+                "format_version of the weights",
+                FORMAT_VERSION,
+                self.format_version,
+                "use the version of deepct that the weights were written for",
+            ));
+        }
+        self.check_numbers()?;
+        self.check_counts()
+    }
+
+    fn check_numbers(&self) -> Result<()> {
+        let positive = [
+            ("input_scale", self.input_scale),
+            ("output_scale", self.output_scale),
+            ("wavelength_um", self.wavelength_um),
+            ("horizontal_spacing_km", self.horizontal_spacing_km[0]),
+            ("horizontal_spacing_km", self.horizontal_spacing_km[1]),
+            ("levels.spacing_km", self.levels.spacing_km),
+        ];
+        let geometry = &self.view_geometry;
+        let pixels = geometry.pixel_km.iter().map(|&size| ("view_geometry.pixel_km", size));
+        for (name, value) in positive.into_iter().chain(pixels) {
+            if !(value.is_finite() && value > 0.0) {
+                return Err(Error::out_of_range(name, value, "positive and finite"));
+            }
+        }
+        let azimuths = geometry.view_azimuth_deg.iter().map(|&a| ("view_azimuth_deg", a));
+        let finite = [
+            ("target_altitude_km", self.target_altitude_km),
+            ("levels.bottom_km", self.levels.bottom_km),
+            ("sun_azimuth_deg", geometry.sun_azimuth_deg),
+        ];
+        for (name, value) in finite.into_iter().chain(azimuths) {
+            if !value.is_finite() {
+                return Err(Error::out_of_range(name, value, "finite"));
+            }
+        }
+        let views = geometry.view_zenith_deg.iter().map(|&zenith| ("view_zenith_deg", zenith));
+        for (name, value) in views.chain([("sun_zenith_deg", geometry.sun_zenith_deg)]) {
+            if !(0.0..90.0).contains(&value) {
+                return Err(Error::out_of_range(name, value, "in [0, 90) degrees"));
+            }
+        }
+        Ok(())
+    }
+
+    fn check_counts(&self) -> Result<()> {
+        let channels = &self.architecture.channels;
+        if channels.len() < 2 || channels.contains(&0) {
+            let range = "at least two numbers, none of them 0";
+            return Err(Error::out_of_range(
+                "architecture.channels",
+                format!("{channels:?}"),
+                range,
+            ));
+        }
+        let (views, levels) = (channels[0], channels[channels.len() - 1]);
+        let geometry = &self.view_geometry;
+        for (what, expected, found) in [
+            ("length of view_geometry.view_zenith_deg", views, geometry.view_zenith_deg.len()),
+            ("length of view_geometry.view_azimuth_deg", views, geometry.view_azimuth_deg.len()),
+            ("length of view_geometry.pixel_km", views, geometry.pixel_km.len()),
+            ("levels.count", levels, self.levels.count),
+        ] {
+            if expected != found {
+                let remedy = "make the metadata fit the first and last of architecture.channels";
+                return Err(Error::mismatch(what, expected, found, remedy));
+            }
+        }
+        Ok(())
+    }
+
+    /// An error unless images of that geometry, that look at a point at
+    /// `target_altitude_km` in light of `wavelength_um`, are what the weights are for.
+    ///
+    /// Angles may differ by 0.1 degrees, an azimuth by what moves the line of sight as
+    /// much; the size of pixels and the wavelength by 1 %; the altitude looked at by a
+    /// tenth of a level.
+    ///
+    /// # Errors
+    /// Names the first number that differs, what it should be and what it is.
+    pub fn check_images(
+        &self,
+        geometry: &ViewGeometry,
+        target_altitude_km: f64,
+        wavelength_um: f64,
+    ) -> Result<()> {
+        let ours = &self.view_geometry;
+        let (expected, found) = (ours.view_zenith_deg.len(), geometry.view_zenith_deg.len());
+        if expected != found {
+            return Err(self.differs("number of views".into(), expected, found));
+        }
+        let sun = |g: &ViewGeometry| (g.sun_zenith_deg, g.sun_azimuth_deg);
+        self.check_direction("solar", sun(ours), sun(geometry))?;
+        for view in 0..expected {
+            let angles = |g: &ViewGeometry| (g.view_zenith_deg[view], g.view_azimuth_deg[view]);
+            self.check_direction(&format!("view {view}:"), angles(ours), angles(geometry))?;
+            let (expected, found) = (ours.pixel_km[view], geometry.pixel_km[view]);
+            if !within(found / expected - 1.0, RELATIVE_TOLERANCE) {
+                let what = format!("view {view}: pixel size at the target");
+                return Err(self.differs(what, km(expected), km(found)));
+            }
+        }
+        let climb = target_altitude_km - self.target_altitude_km;
+        if !within(climb, LEVEL_TOLERANCE * self.levels.spacing_km) {
+            let (expected, found) = (km(self.target_altitude_km), km(target_altitude_km));
+            return Err(self.differs("altitude of the target".into(), expected, found));
+        }
+        if !within(wavelength_um / self.wavelength_um - 1.0, RELATIVE_TOLERANCE) {
+            let um = |value: f64| format!("{value:.4} um");
+            let (expected, found) = (um(self.wavelength_um), um(wavelength_um));
+            return Err(self.differs("wavelength".into(), expected, found));
+        }
+        Ok(())
+    }
+
+    /// Compare a zenith and azimuth (degrees).
+    fn check_direction(&self, whose: &str, ours: (f64, f64), theirs: (f64, f64)) -> Result<()> {
+        let deg = |value: f64| format!("{value:.2} degrees");
+        if !within(ours.0 - theirs.0, ANGLE_TOLERANCE_DEG) {
+            return Err(self.differs(format!("{whose} zenith"), deg(ours.0), deg(theirs.0)));
+        }
+        // Near the zenith a large turn in azimuth is a small turn of the line of sight.
+        let turn = (theirs.1 - ours.1 + 180.0).rem_euclid(360.0) - 180.0;
+        if !within(turn * ours.0.to_radians().sin(), ANGLE_TOLERANCE_DEG) {
+            return Err(self.differs(format!("{whose} azimuth"), deg(ours.1), deg(theirs.1)));
+        }
+        Ok(())
+    }
+
+    fn differs(&self, what: String, expected: impl ToString, found: impl ToString) -> Error {
+        let remedy = format!(
+            "these weights are for the images of \"{}\": give such images, or weights trained \
+             for these",
+            self.formation
+        );
+        Error::mismatch(what, expected, found, remedy)
+    }
+}
+
+/// Whether a difference is small; one that is not a number is not.
+fn within(difference: f64, tolerance: f64) -> bool {
+    difference.abs() <= tolerance
+}
+
+fn km(value: f64) -> String {
+    format!("{value:.4} km")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::network::fixture::metadata;
+
+    #[test]
+    fn the_number_that_differs_is_named() {
+        let metadata = metadata(&[3, 4]);
+        let right = metadata.view_geometry.clone();
+        metadata.check_images(&right, 1.0, 0.672).unwrap();
+        type Change = fn(&mut ViewGeometry);
+        let changes: [(Change, &str); 6] = [
+            (|g| g.view_zenith_deg[2] += 0.2, "view 2: zenith: expected 6.00 degrees, found 6.20"),
+            (|g| g.view_azimuth_deg[1] += 180.0, "view 1: azimuth: expected 10.00 degrees"),
+            (|g| g.sun_zenith_deg = 40.0, "solar zenith: expected 30.00 degrees, found 40.00"),
+            (|g| g.sun_azimuth_deg = 46.0, "solar azimuth"),
+            (|g| g.pixel_km[0] = 0.1, "view 0: pixel size at the target: expected 0.0500 km"),
+            (|g| g.view_zenith_deg.truncate(2), "number of views: expected 3, found 2"),
+        ];
+        for (change, message) in changes {
+            let mut wrong = right.clone();
+            change(&mut wrong);
+            let error = metadata.check_images(&wrong, 1.0, 0.672).unwrap_err().to_string();
+            assert!(error.contains(message), "{error}");
+        }
+        let altitude = metadata.check_images(&right, 1.2, 0.672).unwrap_err().to_string();
+        assert!(altitude.contains("altitude of the target: expected 1.0000 km, found 1.2000 km"));
+        let wavelength = metadata.check_images(&right, 1.0, f64::NAN).unwrap_err().to_string();
+        assert!(wavelength.contains("wavelength: expected 0.6720 um"), "{wavelength}");
+    }
+
+    #[test]
+    fn azimuths_are_compared_around_the_circle_and_by_what_they_move() {
+        let metadata = metadata(&[3, 4]);
+        let mut turned = metadata.view_geometry.clone();
+        // View 0 looks straight down: its azimuth is free.
+        turned.view_azimuth_deg[0] = 200.0;
+        turned.view_azimuth_deg[1] += 360.0;
+        turned.sun_azimuth_deg -= 360.0;
+        metadata.check_images(&turned, 1.0, 0.672).unwrap();
+    }
+
+    #[test]
+    fn numbers_out_of_range_are_refused() {
+        let changes: [fn(&mut WeightsMetadata); 7] = [
+            |m| m.format_version = 2,
+            |m| m.input_scale = 0.0,
+            |m| m.output_scale = f64::NAN,
+            |m| m.levels.count = 5,
+            |m| m.view_geometry.pixel_km = vec![0.05],
+            |m| m.view_geometry.view_zenith_deg[0] = -3.0,
+            |m| m.architecture.channels = vec![3],
+        ];
+        for change in changes {
+            let mut wrong = metadata(&[3, 4]);
+            wrong.check().unwrap();
+            change(&mut wrong);
+            assert!(wrong.check().is_err(), "{wrong:?}");
+        }
+    }
+}
