@@ -1,1 +1,35 @@
-//! The Python module of deepct.
+//! The Python module of deepct: the stages of the library as functions on NumPy arrays.
+//!
+//! Thin wrappers and no physics: each converts its arguments, releases the interpreter's
+//! lock, calls the stage of the same name and hands the arrays over without a copy. The
+//! comments here are what `help()` shows; types stand in `python/deepct_py/__init__.pyi`.
+
+mod array;
+mod carve;
+mod error;
+mod grid;
+mod render;
+mod score;
+mod sense;
+mod view;
+
+use pyo3::prelude::*;
+
+/// The module that `python/deepct_py/__init__.py` re-exports.
+#[pymodule]
+mod _deepct {
+    #[pymodule_export]
+    use crate::carve::{Carved, carve};
+    #[pymodule_export]
+    use crate::error::DeepctError;
+    #[pymodule_export]
+    use crate::grid::Grid;
+    #[pymodule_export]
+    use crate::render::{Rendering, render};
+    #[pymodule_export]
+    use crate::score::{Scores, score};
+    #[pymodule_export]
+    use crate::sense::{Sensed, Sensor, sense};
+    #[pymodule_export]
+    use crate::view::{Sun, View, Views};
+}

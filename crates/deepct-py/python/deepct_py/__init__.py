@@ -1,0 +1,51 @@
+"""The 3D extinction field of a cloud from its images by several satellites.
+
+Each stage is a function of the same name as the verb of the command line::
+
+    import deepct_py as deepct
+
+    grid = deepct.Grid(shape=(80, 32, 32), spacing=(0.05, 0.05, 0.04))
+    views = deepct.Views.preset("cloudct-10", target=grid.center)
+    mask = deepct.carve(radiance, views, grid).mask
+
+Volumes are arrays ``[z, y, x]`` and images ``[view, row, col]``, 32-bit floats; what is
+not is converted, and xarray objects are taken as they are. Lengths are in km, extinction
+in 1/km, radiance in 1/sr for a Sun of unit irradiance; row grows to the north and column
+to the east. Errors are ``ValueError`` for an argument, ``OSError`` where the operating
+system refuses, and ``DeepctError`` for what a file holds. Functions release the
+interpreter's lock while they work.
+"""
+
+from ._deepct import (
+    Carved,
+    DeepctError,
+    Grid,
+    Rendering,
+    Scores,
+    Sensed,
+    Sensor,
+    Sun,
+    View,
+    Views,
+    carve,
+    render,
+    score,
+    sense,
+)
+
+__all__ = [
+    "Carved",
+    "DeepctError",
+    "Grid",
+    "Rendering",
+    "Scores",
+    "Sensed",
+    "Sensor",
+    "Sun",
+    "View",
+    "Views",
+    "carve",
+    "render",
+    "score",
+    "sense",
+]

@@ -1,0 +1,111 @@
+//! `score`: how far an estimate is from the truth.
+
+use crate::array::{Floats, VOLUME};
+use crate::error::raise;
+use deepct_core::grid::{Grid, Volume};
+use deepct_core::math::DVec3;
+use deepct_core::metrics;
+use numpy::ndarray::Array1;
+use numpy::{IntoPyArray, PyArray1};
+use pyo3::prelude::*;
+
+/// How far one volume is from the truth.
+#[pyclass(frozen, module = "deepct_py")]
+pub(crate) struct Scores(metrics::Scores);
+
+#[pymethods]
+impl Scores {
+    /// epsilon = ||truth - estimate||_1 / ||truth||_1 (Sde-Chen et al. 2021).
+    #[getter]
+    fn relative_error(&self) -> f64 {
+        self.0.relative_error
+    }
+
+    /// delta = (||truth||_1 - ||estimate||_1) / ||truth||_1 (Sde-Chen et al. 2021):
+    /// positive where the estimate has too little.
+    #[getter]
+    fn mass_error(&self) -> f64 {
+        self.0.mass_error
+    }
+
+    /// Root of the mean squared difference over all voxels (1/km).
+    #[getter]
+    fn root_mean_square_error(&self) -> f64 {
+        self.0.root_mean_square_error
+    }
+
+    /// Pearson's correlation over all voxels; None where one field is constant.
+    #[getter]
+    fn correlation(&self) -> Option<f64> {
+        self.0.correlation
+    }
+
+    /// Mean of the truth by level (1/km), [z].
+    #[getter]
+    fn truth_by_level<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        self.by_level(py, |level| level.truth)
+    }
+
+    /// Mean of the estimate by level (1/km), [z].
+    #[getter]
+    fn estimate_by_level<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        self.by_level(py, |level| level.estimate)
+    }
+
+    /// Relative error by level, [z]; NaN where the truth is empty.
+    #[getter]
+    fn relative_error_by_level<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        self.by_level(py, |level| level.relative_error.unwrap_or(f64::NAN))
+    }
+
+    fn __repr__(&self) -> String {
+        let metrics::Scores { relative_error, mass_error, root_mean_square_error, .. } = self.0;
+        format!(
+            "Scores(relative_error={relative_error:.4}, mass_error={mass_error:.4}, \
+             root_mean_square_error={root_mean_square_error:.4})"
+        )
+    }
+}
+
+impl Scores {
+    fn by_level<'py>(
+        &self,
+        py: Python<'py>,
+        number: impl Fn(&metrics::LevelScore) -> f64,
+    ) -> Bound<'py, PyArray1<f64>> {
+        self.0.profile.iter().map(number).collect::<Array1<_>>().into_pyarray(py)
+    }
+}
+
+/// The scores of an estimate against the truth, both on one grid.
+///
+/// Parameters
+/// ----------
+/// truth, estimate : array, [z, y, x]
+///     Extinction (1/km).
+///
+/// Returns
+/// -------
+/// Scores
+///
+/// Raises
+/// ------
+/// ValueError
+///     Different shapes, a value that is not finite, an empty truth.
+#[pyfunction]
+pub(crate) fn score(
+    py: Python<'_>,
+    truth: &Bound<'_, PyAny>,
+    estimate: &Bound<'_, PyAny>,
+) -> PyResult<Scores> {
+    let truth = Floats::new(truth, "truth", VOLUME)?.to_owned();
+    let estimate = Floats::new(estimate, "estimate", VOLUME)?.to_owned();
+    py.detach(|| {
+        // Scores do not depend on where the voxels are, only on which is which.
+        let (nz, ny, nx) = truth.dim();
+        let grid = Grid::new(DVec3::ZERO, DVec3::ONE, [nz, ny, nx])?;
+        metrics::score(&Volume::new(grid, truth)?, &Volume::new(grid, estimate)?)
+    })
+    .map(Scores)
+    .map_err(raise)
+}

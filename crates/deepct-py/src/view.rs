@@ -1,0 +1,309 @@
+//! `View`, `Views` and `Sun`: where the cameras are and where the light comes from.
+
+use crate::error::raise;
+use deepct_core::math::towards;
+use deepct_core::{Error, scene};
+use numpy::ndarray::Array1;
+use numpy::{IntoPyArray, PyArray1};
+use pyo3::exceptions::{PyIndexError, PyTypeError};
+use pyo3::prelude::*;
+
+type Point = (f64, f64, f64);
+
+/// The Sun: a beam of parallel light of unit irradiance.
+///
+/// Parameters
+/// ----------
+/// zenith_deg : float
+///     Angle between +z and the Sun (degrees), in [0, 90).
+/// azimuth_deg : float
+///     Azimuth towards the Sun, clockwise from north (degrees).
+#[pyclass(frozen, eq, from_py_object, module = "deepct_py")]
+#[derive(Clone, Copy, PartialEq)]
+pub(crate) struct Sun(pub(crate) scene::Sun);
+
+#[pymethods]
+impl Sun {
+    #[new]
+    #[pyo3(signature = (zenith_deg = 30.0, azimuth_deg = 45.0))]
+    fn new(zenith_deg: f64, azimuth_deg: f64) -> PyResult<Self> {
+        scene::Sun::from_degrees(zenith_deg, azimuth_deg).map(Self).map_err(raise)
+    }
+
+    /// Angle between +z and the Sun (degrees).
+    #[getter]
+    fn zenith_deg(&self) -> f64 {
+        self.0.zenith.to_degrees()
+    }
+
+    /// Azimuth towards the Sun, clockwise from north (degrees).
+    #[getter]
+    fn azimuth_deg(&self) -> f64 {
+        self.0.azimuth.to_degrees()
+    }
+
+    fn __repr__(&self) -> String {
+        let (zenith, azimuth) = (self.zenith_deg(), self.azimuth_deg());
+        format!("Sun(zenith_deg={zenith:.6}, azimuth_deg={azimuth:.6})")
+    }
+}
+
+/// A camera that looks at a target: row grows to the north and column to the east.
+///
+/// Made by `View.perspective` or `View.orthographic`.
+#[pyclass(frozen, eq, from_py_object, module = "deepct_py")]
+#[derive(Clone, Copy, PartialEq)]
+pub(crate) struct View(scene::View);
+
+#[pymethods]
+impl View {
+    /// A camera at `position` (km) that looks at `target` (km), with `size` (rows, cols)
+    /// pixels whose size over the focal length is `pixel_tangent`.
+    #[staticmethod]
+    #[pyo3(
+        signature = (position, target, pixel_tangent, size = [32, 32]),
+        text_signature = "(position, target, pixel_tangent, size=(32, 32))",
+    )]
+    fn perspective(
+        position: Point,
+        target: Point,
+        pixel_tangent: f64,
+        size: [usize; 2],
+    ) -> PyResult<Self> {
+        scene::View::perspective(position.into(), target.into(), pixel_tangent, size)
+            .map(Self)
+            .map_err(raise)
+    }
+
+    /// Parallel rays from a camera at infinity, seen from `target` (km) under the given
+    /// angles (degrees; azimuth clockwise from north), with `size` (rows, cols) pixels
+    /// that are squares of `pixel_km` in the horizontal plane through the target.
+    #[staticmethod]
+    #[pyo3(
+        signature = (zenith_deg, azimuth_deg, target, pixel_km, size = [32, 32]),
+        text_signature = "(zenith_deg, azimuth_deg, target, pixel_km, size=(32, 32))",
+    )]
+    fn orthographic(
+        zenith_deg: f64,
+        azimuth_deg: f64,
+        target: Point,
+        pixel_km: f64,
+        size: [usize; 2],
+    ) -> PyResult<Self> {
+        let towards = towards(zenith_deg.to_radians(), azimuth_deg.to_radians());
+        scene::View::orthographic(towards, target.into(), pixel_km, size).map(Self).map_err(raise)
+    }
+
+    /// Angle at the scene between +z and the camera (degrees).
+    #[getter]
+    fn zenith_deg(&self) -> f64 {
+        self.0.zenith().to_degrees()
+    }
+
+    /// Azimuth at the scene towards the camera, clockwise from north (degrees).
+    #[getter]
+    fn azimuth_deg(&self) -> f64 {
+        self.0.azimuth().to_degrees()
+    }
+
+    /// Size of a pixel at the target (km).
+    #[getter]
+    fn pixel_km(&self) -> f64 {
+        self.0.pixel_km()
+    }
+
+    /// The point that the middle of the image shows (km).
+    #[getter]
+    fn target(&self) -> Point {
+        self.0.target.into()
+    }
+
+    /// Where the camera is (km); None for one at infinity.
+    #[getter]
+    fn position(&self) -> Option<Point> {
+        match self.0.projection {
+            scene::Projection::Perspective { position, .. } => Some(position.into()),
+            scene::Projection::Orthographic { .. } => None,
+        }
+    }
+
+    /// Number of rows and columns.
+    #[getter]
+    fn size(&self) -> (usize, usize) {
+        (self.0.rows, self.0.cols)
+    }
+
+    /// Where a point (km) falls in the image, as continuous (row, col): pixel `[r, c]`
+    /// spans `r..r+1, c..c+1`. None for a point behind the camera.
+    fn project(&self, point: Point) -> Option<(f64, f64)> {
+        self.0.project(point.into())
+    }
+
+    /// Origin (km) and unit direction of the line of sight through a point of the
+    /// image, from the camera into the scene.
+    fn ray(&self, row: f64, col: f64) -> (Point, Point) {
+        let ray = self.0.ray(row, col);
+        (ray.origin.into(), ray.direction.into())
+    }
+
+    fn __repr__(&self) -> String {
+        format!(
+            "View(zenith_deg={:.3}, azimuth_deg={:.3}, pixel_km={:.6}, size=({}, {}))",
+            self.zenith_deg(),
+            self.azimuth_deg(),
+            self.pixel_km(),
+            self.0.rows,
+            self.0.cols
+        )
+    }
+}
+
+/// The cameras that take one stack of images: a sequence of `View`.
+///
+/// Parameters
+/// ----------
+/// views : sequence of View
+#[pyclass(frozen, eq, sequence, module = "deepct_py")]
+#[derive(Clone, PartialEq)]
+pub(crate) struct Views(pub(crate) Vec<scene::View>);
+
+#[pymethods]
+impl Views {
+    #[new]
+    fn new(views: Vec<View>) -> PyResult<Self> {
+        if views.is_empty() {
+            return Err(raise(Error::out_of_range("number of views", 0, "at least 1")));
+        }
+        Ok(Self(views.into_iter().map(|view| view.0).collect()))
+    }
+
+    /// The views of a formation, `"cloudct-10"` or `"pearls-32"`, of `target` (km): cameras
+    /// at 600 km whose pixels are 50 m at nadir, with images of `size` (rows, cols) pixels.
+    #[staticmethod]
+    #[pyo3(
+        signature = (name, target, size = [32, 32]),
+        text_signature = "(name, target, size=(32, 32))",
+    )]
+    fn preset(name: &str, target: Point, size: [usize; 2]) -> PyResult<Self> {
+        let formation = scene::Formation::preset(name).ok_or_else(|| {
+            let known = scene::Formation::PRESETS.join(", ");
+            raise(Error::out_of_range(
+                "formation",
+                format!("\"{name}\""),
+                format!("one of {known}"),
+            ))
+        })?;
+        formation.views(target.into(), size).map(Self).map_err(raise)
+    }
+
+    /// The views of `target` (km) by satellites `first` to `last` on one orbit, each `arc` km
+    /// along it from the one before, number 0 at the zenith.
+    ///
+    /// Parameters
+    /// ----------
+    /// target : (float, float, float)
+    ///     The point that all cameras look at (km).
+    /// altitude : float
+    ///     Altitude of the orbit (km).
+    /// arc : float
+    ///     Distance between satellites along the orbit (km).
+    /// first, last : int
+    ///     Numbers of the first and the last satellite.
+    /// track_azimuth_deg : float
+    ///     Azimuth in which the track runs, clockwise from north (degrees).
+    /// pixel_km : float
+    ///     Size of a pixel seen from straight above (km).
+    /// size : (int, int)
+    ///     Number of rows and columns.
+    #[staticmethod]
+    #[pyo3(
+        signature = (
+            target, altitude = 600.0, arc = 100.0, first = -16, last = 15,
+            *, track_azimuth_deg = 0.0, pixel_km = 0.05, size = [32, 32],
+        ),
+        text_signature = "(target, altitude=600.0, arc=100.0, first=-16, last=15, *, \
+                          track_azimuth_deg=0.0, pixel_km=0.05, size=(32, 32))",
+    )]
+    // Keywords with defaults on the side that users see.
+    #[allow(clippy::too_many_arguments)]
+    fn string_of_pearls(
+        target: Point,
+        altitude: f64,
+        arc: f64,
+        first: i32,
+        last: i32,
+        track_azimuth_deg: f64,
+        pixel_km: f64,
+        size: [usize; 2],
+    ) -> PyResult<Self> {
+        let formation =
+            scene::Formation::string_of_pearls(altitude, arc, first..=last).map_err(raise)?;
+        let track_azimuth = track_azimuth_deg.to_radians();
+        scene::Formation { track_azimuth, pixel_km, ..formation }
+            .views(target.into(), size)
+            .map(Self)
+            .map_err(raise)
+    }
+
+    /// Angle at the scene between +z and each camera (degrees).
+    #[getter]
+    fn zenith_deg<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        self.each(py, |view| view.zenith().to_degrees())
+    }
+
+    /// Azimuth at the scene towards each camera, clockwise from north (degrees).
+    #[getter]
+    fn azimuth_deg<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        self.each(py, |view| view.azimuth().to_degrees())
+    }
+
+    /// Size of a pixel of each camera at the target (km).
+    #[getter]
+    fn pixel_km<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        self.each(py, scene::View::pixel_km)
+    }
+
+    fn __len__(&self) -> usize {
+        self.0.len()
+    }
+
+    fn __getitem__(&self, index: isize) -> PyResult<View> {
+        let wrapped = if index < 0 { index + self.0.len() as isize } else { index };
+        usize::try_from(wrapped)
+            .ok()
+            .and_then(|index| self.0.get(index))
+            .map(|view| View(*view))
+            .ok_or_else(|| PyIndexError::new_err(format!("there is no view {index}")))
+    }
+
+    fn __repr__(&self) -> String {
+        format!("Views({})", self.0.len())
+    }
+}
+
+impl Views {
+    fn each<'py>(
+        &self,
+        py: Python<'py>,
+        number: impl Fn(&scene::View) -> f64,
+    ) -> Bound<'py, PyArray1<f64>> {
+        self.0.iter().map(number).collect::<Array1<_>>().into_pyarray(py)
+    }
+}
+
+/// The views that an argument gives: `Views`, or any sequence of `View`.
+pub(crate) struct ViewList(pub(crate) Vec<scene::View>);
+
+impl<'py> FromPyObject<'_, 'py> for ViewList {
+    type Error = PyErr;
+
+    fn extract(object: Borrowed<'_, 'py, PyAny>) -> PyResult<Self> {
+        if let Ok(views) = object.cast::<Views>() {
+            return Ok(Self(views.get().0.clone()));
+        }
+        let views: Vec<View> = object
+            .extract()
+            .map_err(|_| PyTypeError::new_err("views must be Views or a sequence of View"))?;
+        Views::new(views).map(|views| Self(views.0))
+    }
+}

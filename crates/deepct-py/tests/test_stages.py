@@ -1,0 +1,106 @@
+"""Each stage against what NumPy computes from the same arrays."""
+
+import numpy as np
+import pytest
+
+import deepct_py
+
+
+def test_scores_are_those_of_numpy():
+    random = np.random.default_rng(3)
+    truth = random.gamma(0.5, 20.0, (6, 7, 8)).astype(np.float32)
+    estimate = (truth * random.uniform(0.5, 1.4, truth.shape)).astype(np.float32)
+    scores = deepct_py.score(truth, estimate)
+    a, b = truth.astype(np.float64), estimate.astype(np.float64)
+    assert scores.relative_error == pytest.approx(np.abs(a - b).sum() / a.sum(), rel=1e-12)
+    assert scores.mass_error == pytest.approx((a.sum() - b.sum()) / a.sum(), rel=1e-12)
+    rmse = np.sqrt(np.mean((a - b) ** 2))
+    assert scores.root_mean_square_error == pytest.approx(rmse, rel=1e-12)
+    correlation = np.corrcoef(a.ravel(), b.ravel())[0, 1]
+    assert scores.correlation == pytest.approx(correlation, rel=1e-12)
+    np.testing.assert_allclose(scores.truth_by_level, a.mean(axis=(1, 2)), rtol=1e-12)
+    np.testing.assert_allclose(scores.estimate_by_level, b.mean(axis=(1, 2)), rtol=1e-12)
+    by_level = np.abs(a - b).sum(axis=(1, 2)) / a.sum(axis=(1, 2))
+    np.testing.assert_allclose(scores.relative_error_by_level, by_level, rtol=1e-12)
+
+
+def test_an_empty_level_has_no_relative_error():
+    truth = np.zeros((2, 3, 3), np.float32)
+    truth[1] = 4.0
+    scores = deepct_py.score(truth, np.ones_like(truth))
+    np.testing.assert_array_equal(np.isnan(scores.relative_error_by_level), [True, False])
+    assert scores.correlation is None
+
+
+def test_clear_air_shows_the_surface(grid, views):
+    """Without cloud, radiance is albedo x cos(solar zenith) / pi in every pixel."""
+    clear = np.zeros(grid.shape, np.float32)
+    sun = deepct_py.Sun(zenith_deg=40.0, azimuth_deg=10.0)
+    rendering = deepct_py.render(
+        clear, grid, views, sun, surface_albedo=0.3, samples_per_pixel=4
+    )
+    assert rendering.radiance.shape == (10, 16, 16)
+    assert rendering.radiance.dtype == rendering.standard_error.dtype == np.float32
+    expected = 0.3 * np.cos(np.radians(40.0)) / np.pi
+    np.testing.assert_allclose(rendering.radiance, expected, rtol=1e-5)
+
+
+def test_an_absorbing_slab_dims_the_surface(grid):
+    """A purely absorbing periodic layer follows Beer and Lambert on both ways."""
+    optical_depth, zenith = 0.5, 30.0
+    extinction = np.full(grid.shape, optical_depth / 0.8, np.float32)
+    view = deepct_py.View.orthographic(60.0, 90.0, grid.center, 0.05, size=(4, 4))
+    radiance = deepct_py.render(
+        extinction, grid, [view], deepct_py.Sun(zenith), surface_albedo=1.0, periodic=True,
+        single_scattering_albedo=0.0, samples_per_pixel=4096, seed=5,
+    )
+    mu0, mu = np.cos(np.radians([zenith, 60.0]))
+    expected = mu0 / np.pi * np.exp(-optical_depth * (1.0 / mu0 + 1.0 / mu))
+    error = np.sqrt(np.mean(radiance.standard_error.astype(np.float64) ** 2) / 16)
+    assert abs(radiance.radiance.mean() - expected) < 4.0 * error + 1e-6
+
+
+def test_noise_has_the_variance_of_the_sensor():
+    """V = N + dark charge + read noise^2 + (step of the converter)^2 / 12, in electrons."""
+    sensor = deepct_py.Sensor.preset("cmv4000")
+    electrons, per_radiance = 4000.0, 10_000.0
+    radiance = np.full((3, 200, 200), electrons / per_radiance, np.float32)
+    sensed = deepct_py.sense(radiance, sensor, electrons_per_radiance=per_radiance, seed=2)
+    assert sensed.radiance.dtype == np.float32 and sensed.radiance.shape == radiance.shape
+    read = sensed.radiance.astype(np.float64) * per_radiance
+    step = sensor.full_well / 2**sensor.bits
+    dark = sensor.dark_current * sensor.exposure
+    variance = electrons + dark + sensor.read_noise**2 + step**2 / 12.0
+    assert abs(read.mean() - electrons) < 4.0 * np.sqrt(variance / read.size)
+    assert abs(read.var() / variance - 1.0) < 4.0 * np.sqrt(2.0 / read.size)
+    levels = (read + dark) / step
+    np.testing.assert_allclose(levels, np.round(levels), atol=2e-3)
+
+
+def test_the_brightest_pixel_fills_its_well():
+    radiance = np.array([[[0.1, 0.2]], [[0.4, 0.05]]], np.float32)
+    sensed = deepct_py.sense(radiance, "cmv4000")
+    assert sensed.electrons_per_radiance == pytest.approx(13_500.0 / np.float32(0.4), rel=1e-12)
+    assert np.array_equal(deepct_py.sense(radiance).radiance, sensed.radiance)
+    assert not np.array_equal(deepct_py.sense(radiance, seed=2).radiance, sensed.radiance)
+
+
+def test_a_mask_holds_the_ball_it_was_carved_from(grid, extinction, views):
+    """Images of optical paths: every voxel that a line through the ball meets is kept by
+    all views, and the corners of the box by none."""
+    radiance = np.zeros((len(views), 16, 16), np.float32)
+    x, y, z = np.meshgrid(grid.x, grid.y, grid.z, indexing="ij")
+    centre = np.array(grid.center)
+    for image, view in zip(radiance, views):
+        for row in range(16):
+            for col in range(16):
+                origin, direction = map(np.array, view.ray(row + 0.5, col + 0.5))
+                closest = np.linalg.norm(np.cross(centre - origin, direction))
+                image[row, col] = float(closest < 0.25 + 0.05)
+    carved = deepct_py.carve(radiance, views, grid, threshold=0.5, agreement=1.0)
+    assert carved.mask.dtype == np.bool_ and carved.mask.shape == grid.shape
+    assert carved.mask[extinction > 0.0].all()
+    assert not carved.mask[:, 0, 0].any() and carved.mask.mean() < 0.6
+    assert carved.threshold == 0.5
+    found = deepct_py.carve(radiance + np.float32(0.01), views, grid)
+    assert 0.01 < found.threshold < 1.01
