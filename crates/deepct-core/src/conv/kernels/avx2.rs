@@ -1,7 +1,7 @@
 //! AVX2 and FMA: 16 registers of 8 floats.
 
-use super::super::im2col::{self, Panel};
 use super::for_block;
+use crate::conv::im2col::{self, Panel};
 use std::arch::x86_64::{
     __m256, _mm256_fmadd_ps, _mm256_loadu_ps, _mm256_set1_ps, _mm256_setzero_ps, _mm256_storeu_ps,
 };

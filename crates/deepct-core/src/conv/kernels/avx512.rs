@@ -1,7 +1,7 @@
 //! AVX-512: 32 registers of 16 floats.
 
-use super::super::im2col::{self, Panel};
 use super::for_block;
+use crate::conv::im2col::{self, Panel};
 use std::arch::x86_64::{
     __m512, _mm512_fmadd_ps, _mm512_loadu_ps, _mm512_set1_ps, _mm512_setzero_ps, _mm512_storeu_ps,
 };

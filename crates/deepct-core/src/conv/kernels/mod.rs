@@ -16,7 +16,7 @@ mod avx512;
 mod scalar;
 mod tiles;
 
-use super::im2col::Panel;
+use crate::conv::im2col::Panel;
 pub(super) use tiles::{Cut, Tile, Tiles};
 
 /// A set of inner loops that the processor can run.
@@ -133,8 +133,8 @@ use for_block;
 
 #[cfg(test)]
 mod tests {
-    use super::super::shape::Plane;
     use super::*;
+    use crate::conv::shape::Plane;
 
     fn values(count: usize, step: usize) -> Vec<f32> {
         (0..count).map(|index| ((index * step + 3) % 31) as f32 / 16.0 - 1.0).collect()

@@ -1,7 +1,7 @@
 //! Portable: plain Rust that the compiler turns into whatever vectors the target has.
 
-use super::super::im2col::{self, Panel};
 use super::for_block;
+use crate::conv::im2col::{self, Panel};
 
 /// Pixels in a panel: two vectors of four floats.
 pub(super) const PIXELS: usize = 8;
