@@ -1,9 +1,9 @@
 //! A cloud on another grid.
 //!
-//! Axis by axis. Where the new cells are as large as the old ones or larger, a new
+//! Axis by axis. Where a new cell is as large as the old ones below it or larger, its
 //! value is the mean of the old cells that it overlaps, weighted by the overlap, so no
-//! water is gained or lost (first-order conservative). Where they are smaller, values
-//! are interpolated linearly between the old cell centres. Outside the old cells there
+//! water is gained or lost (first-order conservative). Where it is smaller, its value
+//! is interpolated linearly between the old cell centres. Outside the old cells there
 //! is no water.
 
 use super::{Cloud, Microphysics};
@@ -101,10 +101,13 @@ fn same_cells(edges: &[f64], origin: f64, step: f64, count: usize) -> bool {
 }
 
 fn rows(edges: &[f64], origin: f64, step: f64, count: usize) -> Vec<Row> {
-    let widest = edges.windows(2).map(|pair| pair[1] - pair[0]).fold(0.0, f64::max);
     (0..count)
         .map(|index| {
             let lower = origin + step * index as f64;
+            let first = edges.partition_point(|edge| *edge <= lower).saturating_sub(1);
+            let last = edges.partition_point(|edge| *edge < lower + step);
+            let cells = edges[first..(last + 1).min(edges.len())].windows(2);
+            let widest = cells.map(|cell| cell[1] - cell[0]).fold(0.0, f64::max);
             if step >= 0.999 * widest {
                 overlap(edges, lower, lower + step)
             } else {

@@ -8,6 +8,8 @@
 //! file, the field and the remedy.
 
 #[cfg(feature = "files")]
+pub mod import;
+#[cfg(feature = "files")]
 mod netcdf;
 mod weights;
 

@@ -1,7 +1,7 @@
 //! Fields on a grid: clouds, volumes and masks.
 
 use super::write::{Attribute::*, Attributes, Output};
-use super::{Input, Provenance, Variable};
+use super::{Input, Provenance, Variable, edge_and_spacing};
 use crate::cloud::{Cloud, EFFECTIVE_VARIANCE, Microphysics};
 use crate::error::{Error, Result};
 use crate::grid::{Grid, Mask, Volume};
@@ -12,10 +12,6 @@ use std::path::Path;
 
 /// The dimensions of a field.
 const AXES: [&str; 3] = ["z", "y", "x"];
-
-/// How far the steps of a coordinate may differ, as a share of the step: more than
-/// the rounding of a float of 32 bits, less than any real stretching.
-const UNIFORM: f64 = 2e-3;
 
 const LIQUID_WATER: &Attributes = &[
     ("units", Text("g m-3")),
@@ -235,56 +231,4 @@ fn grid_from_axes(input: &Input, axes: [Variable; 3]) -> Result<Grid> {
     let ((z, dz), (y, dy), (x, dx)) = (z?, y?, x?);
     Grid::new(DVec3::new(x, y, z), DVec3::new(dx, dy, dz), shape)
         .map_err(|problem| input.error("x, y, z", problem.to_string(), "write a grid in range"))
-}
-
-/// The lower edge (km) and the spacing (km) of a uniform coordinate.
-pub(crate) fn edge_and_spacing(axis: &Variable) -> Result<(f64, f64)> {
-    let values: ArrayD<f64> = axis.reals()?;
-    let kilometre = length_unit(axis)?;
-    let values: Vec<f64> = values.iter().map(|value| value * kilometre).collect();
-    let (first, last) = (values[0], values[values.len() - 1]);
-    let recorded = axis.number("spacing").map(|spacing| spacing * kilometre);
-    let spacing = match (values.len(), recorded) {
-        (1, Some(spacing)) => spacing,
-        (1, None) => {
-            return Err(axis.error(
-                "has a single value and no attribute `spacing`",
-                "add the attribute `spacing` with the voxel's size",
-            ));
-        }
-        (count, _) => (last - first) / (count - 1) as f64,
-    };
-    let uneven = values
-        .windows(2)
-        .map(|pair| (pair[1] - pair[0] - spacing).abs())
-        .position(|error| error.is_nan() || error > UNIFORM * spacing.abs());
-    if let Some(index) = uneven {
-        return Err(axis.error(
-            format!("is not uniform: it goes from {first} to {last} km with a break at {index}"),
-            "resample the field to uniform spacing",
-        ));
-    }
-    if spacing.is_nan() || spacing <= 0.0 {
-        return Err(axis.error(
-            format!("descends from {first} to {last} km"),
-            "write the field so that x grows to the east, y to the north and z upwards",
-        ));
-    }
-    // A field that was cut or moved keeps its attributes: take them where they agree.
-    let spacing = recorded.filter(|exact| (exact - spacing).abs() <= UNIFORM * spacing);
-    let spacing = spacing.unwrap_or((last - first) / (values.len() - 1).max(1) as f64);
-    let edge = first - 0.5 * spacing;
-    let recorded = axis.number("lower_edge").map(|edge| edge * kilometre);
-    let exact = recorded.filter(|exact| (exact - edge).abs() <= 1e-6 * spacing);
-    Ok((exact.unwrap_or(edge), spacing))
-}
-
-/// How many km one unit of a coordinate is.
-fn length_unit(axis: &Variable) -> Result<f64> {
-    match axis.text("units").as_deref() {
-        Some("km" | "kilometer" | "kilometers" | "kilometre" | "kilometres") => Ok(1.0),
-        Some("m" | "meter" | "meters" | "metre" | "metres") => Ok(1e-3),
-        found => Err(axis
-            .error(format!("has units {found:?}"), "set its attribute `units` to \"km\" or \"m\"")),
-    }
 }

@@ -1,11 +1,13 @@
 //! The project's own files: HDF5 that is also netCDF-4 with CF attributes.
 
+mod axis;
 mod dimension;
 mod field;
 mod observation;
 mod read;
 mod write;
 
+pub(crate) use axis::{edge_and_spacing, kilometres};
 pub use field::{
     read_cloud, read_grid, read_mask, read_volume, write_cloud, write_mask, write_volume,
 };

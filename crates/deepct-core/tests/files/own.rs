@@ -1,18 +1,14 @@
-//! Files: what is written is read back exactly, and what cannot be used is refused
-//! with a message that names the file, the field and the remedy.
+//! The project's own files.
 
-#![cfg(feature = "files")]
-
+use crate::{check_refusal, place};
 use deepct_core::cloud::{Cloud, Microphysics};
 use deepct_core::grid::{Grid, Mask, Volume};
 use deepct_core::image::ViewStack;
 use deepct_core::io::{self, Provenance};
 use deepct_core::math::{DVec3, towards};
 use deepct_core::scene::{Observation, Sun, View};
-use deepct_core::{Error, Result};
 use ndarray::{Array1, Array3};
-use std::path::{Path, PathBuf};
-use tempfile::TempDir;
+use std::path::Path;
 
 fn provenance() -> Provenance {
     Provenance { title: "a test".into(), configuration: "samples = 3\n".into(), seed: u64::MAX }
@@ -41,13 +37,6 @@ fn observation() -> Observation {
     observation.standard_error = Some(error);
     observation.wavelength = 0.86;
     observation
-}
-
-/// A folder, and the path of a file in it.
-fn place(name: &str) -> (TempDir, PathBuf) {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join(name);
-    (folder, path)
 }
 
 #[test]
@@ -125,19 +114,6 @@ fn a_grid_is_read_from_toml() {
         std::fs::write(&path, wrong).unwrap();
         check_refusal(io::read_grid(&path), &path, names);
     }
-}
-
-/// The refusal must be one line that names the file, the field or problem, and a
-/// remedy.
-#[track_caller]
-fn check_refusal<T>(result: Result<T>, path: &Path, names: &str) {
-    let Err(error) = result else { panic!("{names}: was accepted") };
-    assert!(matches!(error, Error::File { .. }), "{names}: {error:?}");
-    let message = error.to_string();
-    assert!(message.contains(&path.display().to_string()), "no path: {message}");
-    assert!(message.contains(names), "no {names:?}: {message}");
-    assert!(message.contains("; "), "no remedy: {message}");
-    assert!(!message.contains('\n'), "more than one line: {message}");
 }
 
 /// Write a good volume and change it.

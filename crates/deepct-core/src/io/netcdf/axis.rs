@@ -1,0 +1,70 @@
+//! Coordinates: where the cells of an axis are.
+
+use super::Variable;
+use crate::error::Result;
+use ndarray::ArrayD;
+
+/// How far the steps of a coordinate may differ, as a share of the step: more than
+/// the rounding of a float of 32 bits, less than any real stretching.
+const UNIFORM: f64 = 2e-3;
+
+/// The values of a coordinate in km.
+///
+/// # Errors
+/// Values that are not real numbers, or units other than km and m.
+pub(crate) fn kilometres(axis: &Variable) -> Result<Vec<f64>> {
+    let values: ArrayD<f64> = axis.reals()?;
+    let kilometre = length_unit(axis)?;
+    Ok(values.iter().map(|value| value * kilometre).collect())
+}
+
+/// The lower edge (km) and the spacing (km) of a uniform coordinate.
+pub(crate) fn edge_and_spacing(axis: &Variable) -> Result<(f64, f64)> {
+    let values = kilometres(axis)?;
+    let kilometre = length_unit(axis)?;
+    let (first, last) = (values[0], values[values.len() - 1]);
+    let recorded = axis.number("spacing").map(|spacing| spacing * kilometre);
+    let spacing = match (values.len(), recorded) {
+        (1, Some(spacing)) => spacing,
+        (1, None) => {
+            return Err(axis.error(
+                "has a single value and no attribute `spacing`",
+                "add the attribute `spacing` with the voxel's size",
+            ));
+        }
+        (count, _) => (last - first) / (count - 1) as f64,
+    };
+    let uneven = values
+        .windows(2)
+        .map(|pair| (pair[1] - pair[0] - spacing).abs())
+        .position(|error| error.is_nan() || error > UNIFORM * spacing.abs());
+    if let Some(index) = uneven {
+        return Err(axis.error(
+            format!("is not uniform: it goes from {first} to {last} km with a break at {index}"),
+            "resample the field to uniform spacing",
+        ));
+    }
+    if spacing.is_nan() || spacing <= 0.0 {
+        return Err(axis.error(
+            format!("descends from {first} to {last} km"),
+            "write the field so that x grows to the east, y to the north and z upwards",
+        ));
+    }
+    // A field that was cut or moved keeps its attributes: take them where they agree.
+    let spacing = recorded.filter(|exact| (exact - spacing).abs() <= UNIFORM * spacing);
+    let spacing = spacing.unwrap_or((last - first) / (values.len() - 1).max(1) as f64);
+    let edge = first - 0.5 * spacing;
+    let recorded = axis.number("lower_edge").map(|edge| edge * kilometre);
+    let exact = recorded.filter(|exact| (exact - edge).abs() <= 1e-6 * spacing);
+    Ok((exact.unwrap_or(edge), spacing))
+}
+
+/// How many km one unit of a coordinate is.
+fn length_unit(axis: &Variable) -> Result<f64> {
+    match axis.text("units").as_deref() {
+        Some("km" | "kilometer" | "kilometers" | "kilometre" | "kilometres") => Ok(1.0),
+        Some("m" | "meter" | "meters" | "metre" | "metres") => Ok(1e-3),
+        found => Err(axis
+            .error(format!("has units {found:?}"), "set its attribute `units` to \"km\" or \"m\"")),
+    }
+}
