@@ -39,6 +39,16 @@ impl<'py> Floats<'py> {
     }
 }
 
+/// The array of booleans that `object` is, copied, whose axes have the names `axes`.
+pub(crate) fn booleans(
+    object: &Bound<'_, PyAny>,
+    name: &str,
+    axes: [&str; 3],
+) -> PyResult<Array3<bool>> {
+    let array = numbers(object, name, axes, "b")?.cast_into::<PyArray3<bool>>()?;
+    Ok(array.try_readonly()?.as_array().as_standard_layout().into_owned())
+}
+
 fn numbers<'py>(
     object: &Bound<'py, PyAny>,
     name: &str,

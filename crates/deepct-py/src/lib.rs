@@ -8,6 +8,7 @@ mod array;
 mod carve;
 mod error;
 mod grid;
+mod network;
 mod render;
 mod score;
 mod sense;
@@ -24,6 +25,8 @@ mod _deepct {
     use crate::error::DeepctError;
     #[pymodule_export]
     use crate::grid::Grid;
+    #[pymodule_export]
+    use crate::network::Network;
     #[pymodule_export]
     use crate::render::{Rendering, render};
     #[pymodule_export]

@@ -4,7 +4,7 @@ mod formation;
 mod view;
 
 pub use formation::{EARTH_RADIUS_KM, Formation};
-pub use view::{Projection, View};
+pub use view::{Projection, View, target};
 
 use crate::error::{Error, Result};
 use crate::image::{ViewGeometry, ViewStack};

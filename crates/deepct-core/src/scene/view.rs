@@ -172,6 +172,25 @@ impl View {
     }
 }
 
+/// The point (km) that the middle of every image shows.
+///
+/// # Errors
+/// No view, or views that look at points more than a metre apart.
+pub fn target(views: &[View]) -> Result<DVec3> {
+    let Some(first) = views.first() else {
+        return Err(Error::out_of_range("number of views", 0, "at least 1"));
+    };
+    match views.iter().position(|view| view.target.distance(first.target) > 1e-3) {
+        None => Ok(first.target),
+        Some(number) => Err(Error::mismatch(
+            format!("target of view {number} (km)"),
+            format!("{}, the target of view 0,", first.target),
+            views[number].target,
+            "give views that look at one point",
+        )),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -216,5 +235,14 @@ mod tests {
         assert!(View::orthographic(down, DVec3::ZERO, 0.05, [8, 8]).is_err());
         assert!(View::perspective(DVec3::ZERO, DVec3::ZERO, 1e-5, [8, 8]).is_err());
         assert!(View::orthographic(DVec3::Z, DVec3::ZERO, 0.0, [8, 8]).is_err());
+    }
+
+    #[test]
+    fn views_of_one_point_have_it_as_their_target() {
+        let at = |x| View::orthographic(DVec3::Z, DVec3::new(x, 0.7, 1.0), 0.05, [8, 8]).unwrap();
+        assert_eq!(target(&[at(0.8), at(0.8)]).unwrap(), DVec3::new(0.8, 0.7, 1.0));
+        let message = target(&[at(0.8), at(0.8), at(0.9)]).unwrap_err().to_string();
+        assert!(message.contains("view 2") && message.contains("0.9"), "{message}");
+        assert!(target(&[]).is_err());
     }
 }

@@ -1,6 +1,6 @@
 from collections.abc import Iterator, Sequence
 from os import PathLike
-from typing import Literal, Optional, Union, final
+from typing import Any, Literal, Optional, Union, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -189,6 +189,25 @@ def carve(
     threshold: Optional[float] = None,
     agreement: Optional[float] = None,
 ) -> Carved: ...
+
+@final
+class Network:
+    @staticmethod
+    def load(name_or_path: Union[str, PathLike[str]]) -> Network: ...
+    @staticmethod
+    def built_in() -> list[str]: ...
+    @property
+    def metadata(self) -> dict[str, Any]: ...
+    def grid(self, views: Union[Views, Sequence[View]]) -> Grid: ...
+    def infer(
+        self,
+        radiance: ArrayLike,
+        views: Union[Views, Sequence[View]],
+        sun: Optional[Sun] = None,
+        *,
+        mask: Optional[ArrayLike] = None,
+        wavelength_um: float = 0.672,
+    ) -> NDArray[np.float32]: ...
 
 @final
 class Scores:

@@ -1,0 +1,121 @@
+//! `Network`: from images to extinction.
+
+use crate::array::{Floats, IMAGES, VOLUME, booleans, give};
+use crate::error::raise;
+use crate::grid::Grid;
+use crate::view::{Sun, ViewList};
+use deepct_core::grid::Mask;
+use deepct_core::image::ViewStack;
+use deepct_core::scene::{self, Observation, View, target};
+use deepct_core::{Result, io, network};
+use numpy::PyArray3;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use std::path::PathBuf;
+
+/// A network with its weights, ready to run. Made by `Network.load`.
+#[pyclass(frozen, module = "deepct_py")]
+pub(crate) struct Network(network::Network);
+
+#[pymethods]
+impl Network {
+    /// A network from a weights file (safetensors), or from the module itself by name.
+    ///
+    /// Raises
+    /// ------
+    /// OSError
+    ///     A file that cannot be read.
+    /// DeepctError
+    ///     A file that is damaged, or holds no weights of this program.
+    #[staticmethod]
+    fn load(py: Python<'_>, name_or_path: PathBuf) -> PyResult<Self> {
+        py.detach(|| network::Network::new(&io::load_weights(&name_or_path)?))
+            .map(Self)
+            .map_err(raise)
+    }
+
+    /// The names that `load` takes instead of a file.
+    #[staticmethod]
+    fn built_in() -> Vec<&'static str> {
+        io::built_in_weights().collect()
+    }
+
+    /// What the weights are for and where they come from, as the file says.
+    #[getter]
+    fn metadata<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let text = serde_json::to_string(self.0.metadata()).expect("plain numbers and text");
+        Ok(py.import("json")?.call_method1("loads", (text,))?.cast_into()?)
+    }
+
+    /// The grid of the extinction that `infer` gives for images by `views`: one column of
+    /// voxels for each pixel, around the point that the images show in their middle.
+    fn grid(&self, views: ViewList) -> PyResult<Grid> {
+        self.grid_of(&views.0).map(Grid).map_err(raise)
+    }
+
+    /// Infer the extinction of a cloud from its images.
+    ///
+    /// Parameters
+    /// ----------
+    /// radiance : array, [view, row, col]
+    ///     Images (1/sr).
+    /// views : Views or sequence of View
+    ///     How they were taken.
+    /// sun : Sun, optional
+    ///     Zenith 30 and azimuth 45 degrees where it is not given.
+    /// mask : array of bool, [z, y, x], optional
+    ///     Extinction is set to zero outside, such as outside what `carve` keeps.
+    /// wavelength_um : float
+    ///     Wavelength of the images (um).
+    ///
+    /// Returns
+    /// -------
+    /// numpy.ndarray, float32, [z, y, x]
+    ///     Extinction (1/km) on `grid(views)`.
+    ///
+    /// Raises
+    /// ------
+    /// ValueError
+    ///     Images that are not what the weights are for, with the number that differs; a
+    ///     mask of another shape.
+    #[pyo3(signature = (radiance, views, sun = None, *, mask = None, wavelength_um = 0.672))]
+    fn infer(
+        &self,
+        py: Python<'_>,
+        radiance: &Bound<'_, PyAny>,
+        views: ViewList,
+        sun: Option<Sun>,
+        mask: Option<&Bound<'_, PyAny>>,
+        wavelength_um: f64,
+    ) -> PyResult<Py<PyArray3<f32>>> {
+        let radiance = Floats::new(radiance, "radiance", IMAGES)?.to_owned();
+        let mask = mask.map(|mask| booleans(mask, "mask", VOLUME)).transpose()?;
+        let sun = sun.map_or_else(scene::Sun::default, |sun| sun.0);
+        let extinction = py
+            .detach(|| {
+                let observation = Observation::new(sun, views.0, ViewStack::new(radiance)?)?;
+                let target = target(&observation.views)?;
+                let metadata = self.0.metadata();
+                metadata.check_images(&observation.geometry(), target.z, wavelength_um)?;
+                let mut extinction = self.0.infer(&observation.images, [target.x, target.y])?;
+                if let Some(mask) = mask {
+                    Mask::new(extinction.grid, mask)?.apply(&mut extinction)?;
+                }
+                Ok(extinction)
+            })
+            .map_err(raise)?;
+        Ok(give(py, extinction.values))
+    }
+
+    fn __repr__(&self) -> String {
+        let (metadata, layers) = (self.0.metadata(), self.0.metadata().architecture.layers());
+        format!("Network(formation=\"{}\", layers={layers})", metadata.formation)
+    }
+}
+
+impl Network {
+    fn grid_of(&self, views: &[View]) -> Result<deepct_core::grid::Grid> {
+        let target = target(views)?;
+        self.0.grid([target.x, target.y], [views[0].rows, views[0].cols])
+    }
+}
