@@ -1,0 +1,101 @@
+"""The command line: ``weights_tools train | export | check``."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import torch
+
+import weights_tools
+from weights_tools.check import SIZES, TOLERANCE, check
+from weights_tools.dataset import load_dataset
+from weights_tools.errors import InputError
+from weights_tools.export import export, read_metadata
+from weights_tools.recipe import load_recipe
+from weights_tools.training import Training
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run a verb. 0: done; 1: a check that was asked for did not hold; 2: an error."""
+    options = _parser().parse_args(arguments)
+    try:
+        return options.run(options)
+    except InputError as problem:
+        print(f"weights_tools: {problem}", file=sys.stderr)
+    except OSError as problem:
+        print(f"weights_tools: {problem}; check the path and the disk", file=sys.stderr)
+    return 2
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="weights_tools", description=weights_tools.__doc__)
+    version = f"weights_tools {weights_tools.__version__}"
+    parser.add_argument("--version", action="version", version=version)
+    verbs = parser.add_subparsers(required=True, metavar="VERB")
+
+    train = verbs.add_parser("train", help="train by a recipe; goes on where it was stopped")
+    train.add_argument("recipe", type=Path, help="TOML file, see recipes/")
+    train.add_argument("--dataset", type=Path, required=True, help="folder of `deepct dataset`")
+    train.add_argument("--out", type=Path, required=True, help="folder of checkpoints and curves")
+    train.add_argument("--minutes", type=_positive, help="end after so long in all")
+    train.add_argument("--threads", type=int, help="CPU threads (default: all)")
+    train.set_defaults(run=_train)
+
+    convert = verbs.add_parser("export", help="checkpoint or state dict to safetensors")
+    convert.add_argument("checkpoint", type=Path)
+    convert.add_argument("--out", type=Path, required=True, help="weights file to write")
+    convert.add_argument("--metadata", type=Path, help="JSON with metadata to add or replace")
+    convert.set_defaults(run=_export)
+
+    compare = verbs.add_parser("check", help="compare `deepct infer` with PyTorch")
+    compare.add_argument("checkpoint", type=Path)
+    compare.add_argument("--weights", type=Path, required=True, help="what it was exported to")
+    compare.add_argument("--deepct", default="deepct", help="the program (default: on the PATH)")
+    compare.add_argument("--seed", type=int, default=1, help="seed of the images")
+    compare.set_defaults(run=_check)
+    return parser
+
+
+def _positive(text: str) -> float:
+    value = float(text)
+    if not 0.0 < value < float("inf"):
+        raise argparse.ArgumentTypeError(f"{text} is not a positive number")
+    return value
+
+
+def _train(options: argparse.Namespace) -> int:
+    if options.threads is not None:
+        torch.set_num_threads(options.threads)
+    recipe = load_recipe(options.recipe)
+    data = load_dataset(options.dataset, recipe.formation)
+    device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
+    training = Training(recipe, data, options.out, device)
+    print(
+        f"{len(data.train)} training and {len(data.validation)} validation clouds, "
+        f"{len(data.geometry)} views, channels {training.network.channels}, on {device}",
+        flush=True,
+    )
+    training.run(options.minutes, lambda line: print(line, flush=True))
+    return 0
+
+
+def _export(options: argparse.Namespace) -> int:
+    changes = read_metadata(options.metadata) if options.metadata else {}
+    export(options.checkpoint, options.out, changes)
+    print(f"wrote {options.out}")
+    return 0
+
+
+def _check(options: argparse.Namespace) -> int:
+    errors = check(options.checkpoint, options.weights, options.deepct, options.seed)
+    for (rows, cols), error in zip(SIZES, errors):
+        verdict = "same" if error <= TOLERANCE else "DIFFERENT"
+        print(f"{rows:4d} x {cols:<4d} largest error / largest value {error:.2e}  {verdict}")
+    return 0 if max(errors) <= TOLERANCE else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,123 @@
+"""PyTorch and ``deepct infer`` side by side on the same images."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import torch
+from safetensors import SafetensorError, safe_open
+
+from weights_tools.errors import InputError
+from weights_tools.export import load_network
+from weights_tools.model import Network
+
+TOLERANCE = 1e-5
+"""Largest error over largest value that still counts as the same answer."""
+
+SIZES = ((1, 1), (32, 32), (31, 45), (33, 32))
+"""Rows and columns of the images that are tried."""
+
+
+def check(checkpoint: str | Path, weights: str | Path, deepct: str, seed: int = 1) -> list[float]:
+    """The relative error of ``deepct`` against PyTorch for every one of :data:`SIZES`.
+
+    It is the largest difference over the largest value of PyTorch's answer, for images
+    drawn at random in the range of a cloud's radiance.
+
+    Raises :class:`InputError` for files that cannot be used and where ``deepct`` fails.
+    """
+    network, _ = load_network(checkpoint)
+    metadata = weights_metadata(weights)
+    random = np.random.default_rng(seed)
+    errors = []
+    with tempfile.TemporaryDirectory() as folder:
+        images, volume = Path(folder, "images.nc"), Path(folder, "volume.nc")
+        for rows, cols in SIZES:
+            shape = (len(metadata["view_geometry"]["pixel_km"]), rows, cols)
+            radiance = (0.3 * random.random(shape) ** 2).astype(np.float32)
+            write_images(images, radiance, metadata)
+            _infer(deepct, images, weights, volume)
+            with h5py.File(volume, "r") as file:
+                found = file["extinction"][...].astype(np.float64)
+            expected = answer(network, radiance, metadata)
+            errors.append(float(abs(found - expected).max() / abs(expected).max()))
+    return errors
+
+
+def answer(network: Network, radiance: np.ndarray, metadata: dict[str, Any]) -> np.ndarray:
+    """PyTorch's extinction (1/km) from images ``[view, row, col]``."""
+    images = torch.from_numpy(radiance * np.float32(metadata["input_scale"]))
+    with torch.no_grad():
+        output = network(images[None])[0]
+    return output.double().numpy() * metadata["output_scale"]
+
+
+def weights_metadata(path: str | Path) -> dict[str, Any]:
+    """What a weights file says about itself."""
+    try:
+        with safe_open(str(path), "pt") as file:
+            header = file.metadata() or {}
+        return json.loads(header["deepct"])
+    except (OSError, SafetensorError, KeyError, ValueError) as problem:
+        remedy = "export it with `weights_tools export`"
+        raise InputError(path, f"is no weights file ({problem})", remedy) from None
+
+
+def write_images(path: Path, radiance: np.ndarray, metadata: dict[str, Any]) -> None:
+    """Images ``[view, row, col]`` as ``deepct`` reads them, by the cameras of the weights."""
+    geometry = metadata["view_geometry"]
+    views = len(radiance)
+    zenith, azimuth = (
+        np.radians(geometry["view_zenith_deg"]),
+        np.radians(geometry["view_azimuth_deg"]),
+    )
+    direction = np.stack(
+        [np.sin(zenith) * np.sin(azimuth), np.sin(zenith) * np.cos(azimuth), np.cos(zenith)], 1
+    )
+    target = np.tile([0.0, 0.0, metadata["target_altitude_km"]], (views, 1))
+    by_view = {
+        "view_zenith_deg": geometry["view_zenith_deg"],
+        "view_azimuth_deg": geometry["view_azimuth_deg"],
+        "projection": np.ones(views, np.uint8),
+        "camera_position": np.full((views, 3), np.nan),
+        "camera_direction": direction / np.linalg.norm(direction, axis=1, keepdims=True),
+        "target": target,
+        "pixel_tangent": np.full(views, np.nan),
+        "pixel_km": geometry["pixel_km"],
+    }
+    lengths = dict(zip(("view", "row", "col"), radiance.shape), component=3)
+    with h5py.File(path, "w") as file:
+        for name, length in lengths.items():
+            file[name] = np.arange(length)
+            file[name].make_scale(name)
+        file["radiance"] = radiance
+        _on(file, "radiance", "view", "row", "col")
+        for name, values in by_view.items():
+            file[name] = values
+            _on(file, name, *("view", "component")[: file[name].ndim])
+        file["sun_zenith_deg"] = float(geometry["sun_zenith_deg"])
+        file["sun_azimuth_deg"] = float(geometry["sun_azimuth_deg"])
+        file["sun_irradiance"] = 1.0
+        file["wavelength"] = float(metadata["wavelength_um"])
+
+
+def _on(file: h5py.File, name: str, *dimensions: str) -> None:
+    for axis, dimension in enumerate(dimensions):
+        file[name].dims[axis].attach_scale(file[dimension])
+
+
+def _infer(deepct: str, images: Path, weights: str | Path, volume: Path) -> None:
+    command = [deepct, "infer", str(images), "--weights", str(weights), "--out", str(volume)]
+    try:
+        result = subprocess.run(command, capture_output=True, text=True, check=False)
+    except OSError as problem:
+        remedy = "build it with `cargo build --release` and name it with --deepct"
+        raise InputError(deepct, problem.strerror or "cannot be run", remedy) from None
+    if result.returncode != 0:
+        raise InputError(deepct, f"infer failed: {result.stderr.strip()}", "see its message")

@@ -1,0 +1,71 @@
+"""Checkpoints on disk: written whole or not at all, read without running code."""
+
+from __future__ import annotations
+
+import os
+import pickle
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from weights_tools.errors import InputError
+
+
+def write_whole(path: Path, content: bytes) -> None:
+    """Write a file under a temporary name in its folder, then rename it."""
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        with open(temporary, "wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(temporary, path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def save_checkpoint(path: Path, checkpoint: dict[str, Any]) -> None:
+    """Write a checkpoint of tensors and plain values."""
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        torch.save(checkpoint, temporary)
+        os.replace(temporary, path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def load_checkpoint(path: str | Path) -> dict[str, Any]:
+    """A file of ``torch.save`` that holds a dict of tensors and plain values.
+
+    A pickle that would run code is refused, never run.
+
+    Raises :class:`InputError` for a file that is missing, damaged, or holds anything else.
+    """
+    path = Path(path)
+    remedy = "give a state dict or a training checkpoint written by torch.save"
+    try:
+        checkpoint = torch.load(path, map_location="cpu", weights_only=True)
+    except OSError as problem:
+        raise InputError(path, problem.strerror or "cannot be read", remedy) from None
+    except pickle.UnpicklingError as problem:
+        reason = str(problem).strip().splitlines()[-1] if str(problem).strip() else "damaged"
+        problem_text = f"holds more than tensors and plain values, or is damaged ({reason})"
+        raise InputError(path, problem_text, remedy) from None
+    except (RuntimeError, EOFError, KeyError, ValueError, TypeError, AttributeError, IndexError):
+        raise InputError(path, "is damaged or not a file of torch.save", remedy) from None
+    if not isinstance(checkpoint, dict):
+        raise InputError(path, f"holds a {type(checkpoint).__name__}, not a dict", remedy)
+    return checkpoint
+
+
+def state_dict_of(checkpoint: dict[str, Any], path: str | Path) -> dict[str, Tensor]:
+    """The network's parameters in a training checkpoint or a bare state dict."""
+    state = checkpoint.get("model_state_dict", checkpoint)
+    if not isinstance(state, dict) or not all(
+        isinstance(name, str) and isinstance(values, Tensor) for name, values in state.items()
+    ):
+        remedy = "give a state dict, or a checkpoint with one under model_state_dict"
+        raise InputError(path, "holds no state dict", remedy)
+    return dict(state)

@@ -1,0 +1,250 @@
+"""Folders of training samples, as ``deepct dataset generate`` writes them."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import torch
+from torch import Tensor
+
+from weights_tools.errors import InputError
+
+FORMAT = "deepct-dataset 1"
+"""What the manifest's ``format`` has to be."""
+
+CLOUDCT_10_DEG = (-46.0, -34.0, -26.0, -18.0, -9.0, 0.0, 9.0, 18.0, 26.0, 34.0)
+"""View zeniths of the paper's 10 satellites (degrees); negative ones look from the south."""
+
+SPLITS = ("train", "validation", "test")
+"""The sets of a dataset; nothing here looks at the last one."""
+
+SAME_DIRECTION_DEG = 0.1
+"""Largest angle between two directions that count as one view (degrees)."""
+
+_REMEDY = "write the dataset again with `deepct dataset generate`"
+
+
+@dataclass(frozen=True)
+class ViewGeometry:
+    """How images were taken; lists by view, in the order of the images."""
+
+    sun_zenith_deg: float
+    sun_azimuth_deg: float
+    view_zenith_deg: tuple[float, ...]
+    """Angle at the scene between +z and each satellite, not negative."""
+    view_azimuth_deg: tuple[float, ...]
+    """Azimuth towards each satellite, clockwise from north."""
+    pixel_km: tuple[float, ...]
+    """Size of a pixel at the target, seen square-on."""
+
+    def __len__(self) -> int:
+        return len(self.view_zenith_deg)
+
+    def select(self, views: list[int]) -> ViewGeometry:
+        """The geometry of these views alone, in this order."""
+        return ViewGeometry(
+            self.sun_zenith_deg,
+            self.sun_azimuth_deg,
+            tuple(self.view_zenith_deg[view] for view in views),
+            tuple(self.view_azimuth_deg[view] for view in views),
+            tuple(self.pixel_km[view] for view in views),
+        )
+
+    def find(self, zenith_deg: float, azimuth_deg: float) -> int:
+        """The view in that direction.
+
+        Raises ``ValueError`` where none is within :data:`SAME_DIRECTION_DEG`.
+        """
+        wanted = _direction(zenith_deg, azimuth_deg)
+        angles = [
+            math.degrees(math.acos(min(1.0, float(wanted @ _direction(*angles)))))
+            for angles in zip(self.view_zenith_deg, self.view_azimuth_deg)
+        ]
+        nearest = int(np.argmin(angles))
+        if angles[nearest] > SAME_DIRECTION_DEG:
+            raise ValueError(f"no view at zenith {zenith_deg}, azimuth {azimuth_deg} degrees")
+        return nearest
+
+
+def _direction(zenith_deg: float, azimuth_deg: float) -> np.ndarray:
+    zenith, azimuth = math.radians(zenith_deg), math.radians(azimuth_deg)
+    return np.array(
+        [
+            math.sin(zenith) * math.sin(azimuth),
+            math.sin(zenith) * math.cos(azimuth),
+            math.cos(zenith),
+        ]
+    )
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Clouds and their images: extinction ``[n, z, y, x]``, radiance ``[n, view, row, col]``."""
+
+    extinction: Tensor
+    radiance: Tensor
+
+    def __len__(self) -> int:
+        return len(self.extinction)
+
+
+@dataclass(frozen=True)
+class Dataset:
+    """A whole folder of samples in memory, for one formation."""
+
+    formation: str
+    geometry: ViewGeometry
+    train: Samples
+    validation: Samples
+    manifest: dict[str, Any]
+    identity: str
+    """SHA-256 of the manifest, which itself holds the SHA-256 of every sample."""
+
+    @property
+    def name(self) -> str:
+        """The simulations that the training clouds are from."""
+        sources = {
+            Path(sample["source"]).stem
+            for sample in self.manifest["samples"]
+            if sample["split"] == "train"
+        }
+        return ", ".join(sorted(sources))
+
+    @property
+    def levels(self) -> int:
+        return self.train.extinction.shape[1]
+
+    @property
+    def voxel_spacing_km(self) -> tuple[float, float, float]:
+        dx, dy, dz = self.manifest["voxel_spacing_km"]
+        return dx, dy, dz
+
+
+def load_dataset(folder: str | Path, formation: str | None = None) -> Dataset:
+    """All samples of a folder that ``deepct dataset generate`` wrote.
+
+    ``formation`` picks views: that of the folder itself (also ``None``), or
+    ``cloudct-10`` out of any folder that has its ten directions.
+
+    Raises :class:`InputError` for a missing or incomplete manifest, a sample that is
+    missing, damaged, of a wrong shape or with values that cannot be, and views that the
+    folder does not have.
+    """
+    folder = Path(folder)
+    manifest, identity = _read_manifest(folder / "manifest.json")
+    geometry = _geometry(manifest, folder / "manifest.json")
+    views = _views(geometry, manifest["formation"], formation, folder / "manifest.json")
+    splits: dict[str, list[tuple[Tensor, Tensor]]] = {"train": [], "validation": []}
+    for sample in manifest["samples"]:
+        if sample["split"] not in splits:
+            continue
+        extinction, radiance = _read_sample(folder, sample, manifest, len(geometry))
+        splits[sample["split"]].append((extinction, radiance[views]))
+    for split, samples in splits.items():
+        if not samples:
+            raise InputError(folder / "manifest.json", f"has no {split} sample", _REMEDY)
+    train, validation = (
+        Samples(*(torch.stack(part) for part in zip(*splits[split])))
+        for split in ("train", "validation")
+    )
+    name = formation or manifest["formation"]
+    return Dataset(name, geometry.select(views), train, validation, manifest, identity)
+
+
+def _read_manifest(path: Path) -> tuple[dict[str, Any], str]:
+    try:
+        text = path.read_bytes()
+    except OSError as problem:
+        raise InputError(path, problem.strerror or "cannot be read", _REMEDY) from None
+    try:
+        manifest = json.loads(text)
+    except ValueError as problem:
+        raise InputError(path, f"is not JSON ({problem})", _REMEDY) from None
+    if not isinstance(manifest, dict) or manifest.get("format") != FORMAT:
+        raise InputError(path, f'"format" is not "{FORMAT}"', _REMEDY)
+    for key in ("formation", "geometry", "image_shape", "voxel_spacing_km", "levels", "samples"):
+        if key not in manifest:
+            raise InputError(path, f'"{key}" is missing', _REMEDY)
+    for key in ViewGeometry.__dataclass_fields__:
+        if key not in manifest["geometry"]:
+            raise InputError(path, f'"geometry.{key}" is missing', _REMEDY)
+    for index, sample in enumerate(manifest["samples"]):
+        missing = {"file", "split", "source", "sha256"} - set(sample)
+        if missing:
+            raise InputError(path, f"sample {index} has no {sorted(missing)[0]!r}", _REMEDY)
+        if sample["split"] not in SPLITS:
+            problem = f"sample {index} has split {sample['split']!r}"
+            raise InputError(path, problem, f"a split is one of {', '.join(SPLITS)}")
+    return manifest, hashlib.sha256(text).hexdigest()
+
+
+def _geometry(manifest: dict[str, Any], path: Path) -> ViewGeometry:
+    geometry = manifest["geometry"]
+    lists = {
+        key: tuple(float(value) for value in geometry[key])
+        for key in ("view_zenith_deg", "view_azimuth_deg", "pixel_km")
+    }
+    if len({len(values) for values in lists.values()}) != 1:
+        problem = "view_zenith_deg, view_azimuth_deg and pixel_km have different lengths"
+        raise InputError(path, problem, _REMEDY)
+    return ViewGeometry(geometry["sun_zenith_deg"], geometry["sun_azimuth_deg"], **lists)
+
+
+def _views(geometry: ViewGeometry, has: str, wants: str | None, path: Path) -> list[int]:
+    if wants in (None, has):
+        return list(range(len(geometry)))
+    if wants != "cloudct-10":
+        remedy = "use the folder's own formation or cloudct-10"
+        raise InputError(path, f"its views are {has}, not {wants}", remedy)
+    try:
+        return [geometry.find(abs(zenith), 180.0 * (zenith < 0.0)) for zenith in CLOUDCT_10_DEG]
+    except ValueError as problem:
+        raise InputError(path, str(problem), f"render the views of {wants}") from None
+
+
+def _read_sample(
+    folder: Path, sample: dict[str, Any], manifest: dict[str, Any], views: int
+) -> tuple[Tensor, Tensor]:
+    path = folder / sample["file"]
+    try:
+        content = path.read_bytes()
+    except OSError as problem:
+        raise InputError(path, problem.strerror or "cannot be read", _REMEDY) from None
+    if hashlib.sha256(content).hexdigest() != sample["sha256"]:
+        problem = "is not the file that the manifest names (its SHA-256 differs)"
+        raise InputError(path, problem, _REMEDY)
+    levels = manifest["levels"]["count"]
+    try:
+        with h5py.File(io.BytesIO(content), "r") as file:
+            extinction = _read_variable(file, "extinction", path)
+            radiance = _read_variable(file, "radiance", path)
+    except OSError as problem:
+        raise InputError(path, f"is not a readable HDF5 file ({problem})", _REMEDY) from None
+    rows, cols = manifest["image_shape"]
+    for name, values, shape in (
+        ("extinction", extinction, (levels, rows, cols)),
+        ("radiance", radiance, (views, rows, cols)),
+    ):
+        if tuple(values.shape) != shape:
+            problem = f"{name} has shape {tuple(values.shape)}, not {shape}"
+            raise InputError(path, problem, _REMEDY)
+        if values.amax() <= 0.0:
+            raise InputError(path, f"{name} is zero everywhere", "leave the sample out")
+    return extinction, radiance
+
+
+def _read_variable(file: h5py.File, name: str, path: Path) -> Tensor:
+    if not isinstance(file.get(name), h5py.Dataset):
+        raise InputError(path, f"has no variable {name}", _REMEDY)
+    values = torch.from_numpy(file[name][...].astype(np.float32))
+    if not torch.isfinite(values).all() or values.amin() < 0.0:
+        raise InputError(path, f"{name} has a value that is negative or not finite", _REMEDY)
+    return values

@@ -1,0 +1,121 @@
+"""PyTorch checkpoints to the weights files that ``deepct`` reads."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import safetensors.torch
+from torch import Tensor
+
+import weights_tools
+from weights_tools.checkpoint import load_checkpoint, state_dict_of, write_whole
+from weights_tools.errors import InputError
+from weights_tools.model import Network, network_from_state
+
+FORMAT_VERSION = 1
+"""Version of the metadata in a weights file."""
+
+METADATA_KEYS = (
+    "configuration",
+    "formation",
+    "horizontal_spacing_km",
+    "image_layout",
+    "input_scale",
+    "levels",
+    "output_scale",
+    "scores",
+    "target_altitude_km",
+    "training",
+    "view_geometry",
+    "wavelength_um",
+)
+"""What has to be known of a network beside its layers."""
+
+
+def load_network(path: str | Path) -> tuple[Network, dict[str, Any]]:
+    """The network of a checkpoint or state dict, and the checkpoint.
+
+    Raises :class:`InputError` for a file that does not hold one.
+    """
+    checkpoint = load_checkpoint(path)
+    try:
+        return network_from_state(state_dict_of(checkpoint, path)), checkpoint
+    except ValueError as problem:
+        if isinstance(problem, InputError):
+            raise
+        remedy = "give the parameters of the paper's network (net.body.{i}.body...)"
+        raise InputError(path, str(problem), remedy) from None
+
+
+def read_metadata(path: str | Path) -> dict[str, Any]:
+    """The metadata of a checkpoint that does not know its own, from a JSON file."""
+    try:
+        metadata = json.loads(Path(path).read_text(encoding="utf-8"))
+    except OSError as problem:
+        remedy = "give a JSON file of metadata"
+        raise InputError(path, problem.strerror or "cannot be read", remedy) from None
+    except ValueError as problem:
+        raise InputError(path, f"is not JSON ({problem})", "correct it") from None
+    if not isinstance(metadata, dict):
+        raise InputError(path, "is not a JSON object", f"give {', '.join(METADATA_KEYS)}")
+    return metadata
+
+
+def export(checkpoint_path: str | Path, output: str | Path, changes: dict[str, Any]) -> None:
+    """Write the weights of a checkpoint as safetensors, batch norms folded.
+
+    The checkpoint's own metadata is used, entries of ``changes`` in the place of its own
+    (objects key by key); a bare state dict and the authors' checkpoints have none, and
+    ``changes`` has to give all :data:`METADATA_KEYS`.
+
+    Raises :class:`InputError` for a checkpoint that cannot be used and for metadata that
+    is missing or unknown.
+    """
+    network, checkpoint = load_network(checkpoint_path)
+    metadata = _merge(checkpoint.get("metadata", {}), changes)
+    missing = sorted(set(METADATA_KEYS) - set(metadata))
+    if missing:
+        problem = f"has no metadata {', '.join(missing)}"
+        raise InputError(checkpoint_path, problem, "give them in a JSON file with --metadata")
+    unknown = sorted(set(metadata) - set(METADATA_KEYS))
+    if unknown:
+        problem = f"unknown metadata {', '.join(unknown)}"
+        raise InputError(checkpoint_path, problem, f"the keys are {', '.join(METADATA_KEYS)}")
+    header = {
+        "format_version": FORMAT_VERSION,
+        "architecture": {"channels": network.channels, "last_relu": True},
+        "program": f"weights_tools {weights_tools.__version__}",
+        **metadata,
+    }
+    content = safetensors.torch.save(
+        folded_layers(network), {"deepct": json.dumps(header, sort_keys=True, allow_nan=False)}
+    )
+    write_whole(Path(output), content)
+
+
+def folded_layers(network: Network) -> dict[str, Tensor]:
+    """``layers.{i}.weight`` and ``.bias`` of convolutions that hold their batch norm.
+
+    Folded in f64 and rounded once: ``w' = w g / s``, ``b' = (b - mean) g / s + beta``
+    with ``s = sqrt(variance + epsilon)``.
+    """
+    layers: dict[str, Tensor] = {}
+    for index, block in enumerate(network.net.body):
+        convolution, norm = block.body[0], block.body[1]
+        factor = norm.weight.double() / (norm.running_var.double() + norm.eps).sqrt()
+        weight = convolution.weight.double() * factor[:, None, None, None]
+        bias = (convolution.bias.double() - norm.running_mean.double()) * factor
+        layers[f"layers.{index}.weight"] = weight.detach().float().contiguous()
+        layers[f"layers.{index}.bias"] = (bias + norm.bias.double()).detach().float()
+    return layers
+
+
+def _merge(metadata: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
+    merged = dict(metadata)
+    for key, value in changes.items():
+        if isinstance(value, dict) and isinstance(merged.get(key), dict):
+            value = _merge(merged[key], value)
+        merged[key] = value
+    return merged

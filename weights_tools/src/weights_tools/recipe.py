@@ -1,0 +1,158 @@
+"""Recipes: TOML files that say how one set of weights is trained."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import asdict, dataclass, field, fields, is_dataclass
+from pathlib import Path
+from typing import Any, get_type_hints
+
+from weights_tools.errors import InputError
+from weights_tools.model import constant_channels, growing_channels
+from weights_tools.sensor import Sensor
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+
+@dataclass(frozen=True)
+class NetworkRecipe:
+    """The shape of the network."""
+
+    layers: int = 33
+    width: int = 0
+    """Channels between the layers; 0 lets them grow by the paper's rule."""
+
+    def channels(self, views: int, levels: int) -> list[int]:
+        """Channels before, between and after the layers."""
+        if self.width == 0:
+            return growing_channels(views, levels, self.layers)
+        return constant_channels(views, levels, self.layers, self.width)
+
+
+@dataclass(frozen=True)
+class ScalingRecipe:
+    """Factors that bring the network's numbers near 1."""
+
+    input_scale: float = 10.0
+    """Network input = radiance (1/sr) x this."""
+    output_scale: float = 10.0
+    """Extinction (1/km) = network output x this."""
+
+
+@dataclass(frozen=True)
+class LossRecipe:
+    """What is minimised: a sum of three terms, by their weights; the paper's is the first.
+
+    The squared and absolute terms are means over voxels of the scaled extinction; the
+    relative one is the mean over clouds of epsilon, in which a thin cloud counts as
+    much as a thick one.
+    """
+
+    squared: float = 1.0
+    absolute: float = 0.0
+    relative: float = 0.0
+
+
+@dataclass(frozen=True)
+class TrainingRecipe:
+    """How the weights are found."""
+
+    seed: int = 1
+    epochs: int = 100
+    batch: int = 32
+    learning_rate: float = 2e-3
+    """The largest; it rises from 0 to this and falls to 0 along a cosine."""
+    warmup: float = 0.1
+    """Share of the training in which the learning rate rises."""
+    shift_voxels: int = 0
+    """Largest horizontal shift of a cloud and its images, along x and along y."""
+    reduced_precision: bool = True
+    """Convolutions in bfloat16 while training (never when scores are taken)."""
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """All that a training depends on, but for the data and the machine."""
+
+    formation: str
+    network: NetworkRecipe = field(default_factory=NetworkRecipe)
+    scaling: ScalingRecipe = field(default_factory=ScalingRecipe)
+    loss: LossRecipe = field(default_factory=LossRecipe)
+    training: TrainingRecipe = field(default_factory=TrainingRecipe)
+    sensor: Sensor = field(default_factory=Sensor)
+
+    def resolved(self) -> dict[str, Any]:
+        """Every setting, the defaults included, as plain values."""
+        return asdict(self)
+
+
+def load_recipe(path: str | Path) -> Recipe:
+    """The recipe in a TOML file.
+
+    Raises :class:`InputError` for a file that is missing or not TOML, an unknown key,
+    and a value of a wrong type or out of range.
+    """
+    path = Path(path)
+    try:
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as problem:
+        raise InputError(path, problem.strerror or "cannot be read", "name a recipe") from None
+    except ValueError as problem:
+        raise InputError(path, f"is not TOML ({problem})", "correct it") from None
+    recipe = _build(Recipe, table, path, "")
+    _check(recipe, path)
+    return recipe
+
+
+def _build(kind: type, table: dict[str, Any], path: Path, prefix: str) -> Any:
+    types = get_type_hints(kind)
+    for key in table:
+        if key not in types:
+            remedy = f"the keys are {', '.join(sorted(types))}"
+            raise InputError(path, f"has an unknown key {prefix}{key}", remedy)
+    required = {"formation"} & set(types)
+    for key in required - set(table):
+        raise InputError(path, f"has no key {prefix}{key}", 'give it, for example "cloudct-10"')
+    values = {
+        key: _value(types[key], value, path, f"{prefix}{key}") for key, value in table.items()
+    }
+    try:
+        return kind(**values)
+    except ValueError as problem:
+        raise InputError(path, f"[{prefix.rstrip('.')}]: {problem}", "correct it") from None
+
+
+def _value(kind: type, value: Any, path: Path, key: str) -> Any:
+    if is_dataclass(kind):
+        if not isinstance(value, dict):
+            raise InputError(path, f"{key} is not a table", f"write [{key}]")
+        return _build(kind, value, path, f"{key}.")
+    if kind is float and type(value) is int:
+        value = float(value)
+    if type(value) is not kind:
+        problem = f"{key} is {value!r}, which is not of type {kind.__name__}"
+        raise InputError(path, problem, "correct it")
+    return value
+
+
+def _check(recipe: Recipe, path: Path) -> None:
+    training, loss = recipe.training, recipe.loss
+    limits = (
+        ("network.layers", recipe.network.layers >= 1, "at least 1"),
+        ("network.width", recipe.network.width >= 0, "0 or more"),
+        ("scaling.input_scale", recipe.scaling.input_scale > 0.0, "positive"),
+        ("scaling.output_scale", recipe.scaling.output_scale > 0.0, "positive"),
+        ("training.epochs", training.epochs >= 1, "at least 1"),
+        ("training.batch", training.batch >= 2, "at least 2 (batch norm)"),
+        ("training.learning_rate", training.learning_rate > 0.0, "positive"),
+        ("training.warmup", 0.0 < training.warmup < 1.0, "between 0 and 1"),
+        ("training.shift_voxels", training.shift_voxels >= 0, "0 or more"),
+        ("loss", min(getattr(loss, term.name) for term in fields(loss)) >= 0.0, "not negative"),
+        ("loss", max(getattr(loss, term.name) for term in fields(loss)) > 0.0, "not all zero"),
+    )
+    for key, holds, rule in limits:
+        if not holds:
+            raise InputError(path, f"{key} is out of range", f"make it {rule}")

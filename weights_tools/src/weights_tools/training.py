@@ -1,0 +1,248 @@
+"""Training, which can be killed at any moment and goes on where it was."""
+
+from __future__ import annotations
+
+import math
+import time
+from pathlib import Path
+from typing import Any, Callable
+
+import torch
+from torch import Tensor
+
+from weights_tools.checkpoint import load_checkpoint, save_checkpoint
+from weights_tools.curves import write_picture, write_table
+from weights_tools.dataset import Dataset, Samples
+from weights_tools.errors import InputError
+from weights_tools.metrics import mass_error, relative_error
+from weights_tools.model import Network
+from weights_tools.recipe import LossRecipe, Recipe, TrainingRecipe
+from weights_tools.shift import Shifter
+
+LAST = "last.pt"
+"""Checkpoint of the last whole epoch: what a training goes on from."""
+BEST = "best.pt"
+"""Checkpoint of the epoch with the smallest epsilon on the validation clouds."""
+
+EPOCHS_PER_PICTURE = 10
+"""Epochs after which the picture of the learning curves is drawn again."""
+
+WAVELENGTH_UM = 0.672
+"""Wavelength of the images of a dataset."""
+
+_VALIDATION_NOISE = -1
+
+
+class Training:
+    """One training run in a folder of its own, at the end of some epoch.
+
+    Random numbers depend on the seed, the epoch and the order of use in it alone, so a
+    run that was cut off and goes on is the run that was not.
+    """
+
+    def __init__(self, recipe: Recipe, data: Dataset, folder: Path, device: torch.device) -> None:
+        self.recipe, self.data, self.folder, self.device = recipe, data, folder, device
+        torch.manual_seed(recipe.training.seed)
+        self.network = Network(recipe.network.channels(len(data.geometry), data.levels))
+        self.network.to(device, memory_format=torch.channels_last)
+        self.optimizer = torch.optim.Adam(self.network.parameters())
+        self.shifter = None
+        if recipe.training.shift_voxels:
+            self.shifter = Shifter(
+                data.geometry, data.voxel_spacing_km, recipe.training.shift_voxels
+            )
+        generator = _generator(recipe.training.seed, _VALIDATION_NOISE)
+        noisy = recipe.sensor.sense(data.validation.radiance, generator)
+        self.validation = Samples(data.validation.extinction, noisy)
+        self.epoch = 0
+        self.progress = 0.0
+        self.elapsed_s = 0.0
+        self.history: list[dict[str, float]] = []
+        folder.mkdir(parents=True, exist_ok=True)
+        if (folder / LAST).exists():
+            self._resume(load_checkpoint(folder / LAST))
+
+    def run(self, minutes: float | None, report: Callable[[str], None]) -> None:
+        """Train to the recipe's last epoch, or for ``minutes`` in all if that is sooner.
+
+        The learning rate follows whichever of the two is nearer its end.
+        """
+        if self.epoch:
+            report(f"going on after epoch {self.epoch}")
+        while self.epoch < self.recipe.training.epochs and self.progress < 1.0:
+            start = time.monotonic()
+            loss = self._train_epoch(minutes, start)
+            epsilon, delta = self.scores()
+            self.epoch += 1
+            self.elapsed_s += time.monotonic() - start
+            row = {
+                "epoch": self.epoch,
+                "loss": loss,
+                "validation_epsilon": epsilon,
+                "validation_delta": delta,
+                "learning_rate": self.optimizer.param_groups[0]["lr"],
+                "minutes": self.elapsed_s / 60.0,
+            }
+            self.history.append(row)
+            self._save(is_best=epsilon <= min(row["validation_epsilon"] for row in self.history))
+            report(
+                f"epoch {self.epoch}/{self.recipe.training.epochs}  loss {loss:.5f}  "
+                f"validation epsilon {epsilon:.4f} delta {delta:+.4f}  "
+                f"learning rate {row['learning_rate']:.2e}  {row['minutes']:.1f} min"
+            )
+
+    def scores(self) -> tuple[float, float]:
+        """Mean epsilon and mean delta over the validation clouds, each with one fixed noise."""
+        epsilon, delta = scores(self.estimate(self.validation.radiance), self.validation.extinction)
+        return epsilon, delta
+
+    def estimate(self, radiance: Tensor) -> Tensor:
+        """Extinction (1/km) from noisy images ``[n, view, row, col]``."""
+        self.network.eval()
+        scaling = self.recipe.scaling
+        with torch.no_grad():
+            batches = radiance.split(self.recipe.training.batch)
+            outputs = [self.network(self._input(batch)).cpu() for batch in batches]
+        self.network.train()
+        return torch.cat(outputs) * scaling.output_scale
+
+    def _train_epoch(self, minutes: float | None, start: float) -> float:
+        training, samples = self.recipe.training, self.data.train
+        self.network.train()
+        generator = _generator(training.seed, self.epoch)
+        order = torch.randperm(len(samples), generator=generator)
+        # A last batch that is too small would spoil the batch norm's statistics.
+        batches = [
+            batch for batch in order.split(training.batch) if 2 * len(batch) > training.batch
+        ]
+        batches = batches or [order]
+        total = 0.0
+        for step, batch in enumerate(batches):
+            progress = (self.epoch + step / len(batches)) / training.epochs
+            if minutes is not None:
+                spent = self.elapsed_s + time.monotonic() - start
+                progress = max(progress, spent / (60.0 * minutes))
+            self.progress = max(self.progress, min(progress, 1.0))
+            total += self._step(batch, learning_rate(training, self.progress), generator)
+        return total / len(batches)
+
+    def _step(self, batch: Tensor, rate: float, generator: torch.Generator) -> float:
+        extinction, radiance = self.data.train.extinction[batch], self.data.train.radiance[batch]
+        if self.shifter is not None:
+            extinction, radiance = self.shifter.draw(extinction, radiance, generator)
+        images = self._input(self.recipe.sensor.sense(radiance, generator))
+        truth = (extinction / self.recipe.scaling.output_scale).to(self.device)
+        for group in self.optimizer.param_groups:
+            group["lr"] = rate
+        self.optimizer.zero_grad()
+        reduced = self.recipe.training.reduced_precision
+        with torch.autocast(self.device.type, torch.bfloat16, enabled=reduced):
+            estimate = self.network(images)
+        loss = loss_of(self.recipe.loss, truth, estimate.float())
+        loss.backward()
+        self.optimizer.step()
+        return loss.item()
+
+    def _input(self, radiance: Tensor) -> Tensor:
+        scaled = radiance * self.recipe.scaling.input_scale
+        return scaled.to(self.device, memory_format=torch.channels_last)
+
+    def _save(self, is_best: bool) -> None:
+        checkpoint: dict[str, Any] = {
+            "epoch": self.epoch,
+            "model_state_dict": {
+                name: values.cpu().contiguous()
+                for name, values in self.network.state_dict().items()
+            },
+            "optimizer_state_dict": self.optimizer.state_dict(),
+            "progress": self.progress,
+            "elapsed_s": self.elapsed_s,
+            "history": self.history,
+            "recipe": self.recipe.resolved(),
+            "metadata": _metadata(self.recipe, self.data, self.history[-1]),
+        }
+        if is_best:
+            save_checkpoint(self.folder / BEST, checkpoint)
+        save_checkpoint(self.folder / LAST, checkpoint)
+        write_table(self.history, self.folder)
+        ends = self.epoch == self.recipe.training.epochs or self.progress == 1.0
+        if ends or self.epoch % EPOCHS_PER_PICTURE == 0:
+            write_picture(self.history, self.folder)
+
+    def _resume(self, checkpoint: dict[str, Any]) -> None:
+        path = self.folder / LAST
+        remedy = "go on with the same recipe and data, or train in another folder"
+        if "metadata" not in checkpoint:
+            raise InputError(path, "is not a checkpoint of this program", remedy)
+        if checkpoint["recipe"] != self.recipe.resolved():
+            raise InputError(path, "was trained by another recipe", remedy)
+        if checkpoint["metadata"]["training"]["identity"] != self.data.identity:
+            raise InputError(path, "was trained on other data", remedy)
+        self.network.load_state_dict(checkpoint["model_state_dict"])
+        self.optimizer.load_state_dict(checkpoint["optimizer_state_dict"])
+        self.epoch = checkpoint["epoch"]
+        self.progress = checkpoint["progress"]
+        self.elapsed_s = checkpoint["elapsed_s"]
+        self.history = checkpoint["history"]
+
+
+def learning_rate(training: TrainingRecipe, progress: float) -> float:
+    """The learning rate at a share of the training: up along a line, down along a cosine."""
+    if progress < training.warmup:
+        return training.learning_rate * (0.01 + 0.99 * progress / training.warmup)
+    fall = (progress - training.warmup) / (1.0 - training.warmup)
+    return training.learning_rate * 0.5 * (1.0 + math.cos(math.pi * fall))
+
+
+def loss_of(recipe: LossRecipe, truth: Tensor, estimate: Tensor) -> Tensor:
+    """The loss of a batch of scaled extinction ``[n, z, y, x]``."""
+    difference = estimate - truth
+    loss = recipe.squared * difference.square().mean()
+    if recipe.absolute:
+        loss = loss + recipe.absolute * difference.abs().mean()
+    if recipe.relative:
+        epsilon = difference.abs().sum((1, 2, 3)) / truth.sum((1, 2, 3))
+        loss = loss + recipe.relative * epsilon.mean()
+    return loss
+
+
+def scores(estimate: Tensor, truth: Tensor) -> tuple[float, float]:
+    """Mean epsilon and mean delta over clouds ``[n, z, y, x]``."""
+    return relative_error(truth, estimate).mean().item(), mass_error(truth, estimate).mean().item()
+
+
+def _generator(seed: int, epoch: int) -> torch.Generator:
+    return torch.Generator().manual_seed((seed * 1_000_003 + epoch) % 2**63)
+
+
+def _metadata(recipe: Recipe, data: Dataset, row: dict[str, float]) -> dict[str, Any]:
+    """What a file of these weights says about them, but for the layers."""
+    geometry, levels = data.geometry, data.manifest["levels"]
+    bottom = levels["origin_km"]
+    dx, dy, dz = data.voxel_spacing_km
+    return {
+        "formation": data.formation,
+        "view_geometry": {
+            "sun_zenith_deg": geometry.sun_zenith_deg,
+            "sun_azimuth_deg": geometry.sun_azimuth_deg,
+            "view_zenith_deg": list(geometry.view_zenith_deg),
+            "view_azimuth_deg": list(geometry.view_azimuth_deg),
+            "pixel_km": list(geometry.pixel_km),
+        },
+        # The cameras of a dataset aim at the middle of its samples.
+        "target_altitude_km": bottom + 0.5 * data.levels * dz,
+        "wavelength_um": WAVELENGTH_UM,
+        "image_layout": "camera",
+        "horizontal_spacing_km": [dx, dy],
+        "levels": {"bottom_km": bottom, "count": data.levels, "spacing_km": dz},
+        "input_scale": recipe.scaling.input_scale,
+        "output_scale": recipe.scaling.output_scale,
+        "training": {
+            "data": data.name,
+            "identity": data.identity,
+            "samples": len(data.train),
+            "seed": recipe.training.seed,
+        },
+        "scores": {"epsilon": row["validation_epsilon"], "delta": row["validation_delta"]},
+        "configuration": recipe.resolved(),
+    }

@@ -1,0 +1,131 @@
+"""A small made-up dataset in the format of ``deepct dataset generate``."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+import torch
+
+from weights_tools.dataset import CLOUDCT_10_DEG, FORMAT
+from weights_tools.model import Network
+
+SIZE = 8
+LEVELS = 6
+OTHER_ZENITHS_DEG = (60.0, -60.0)
+
+
+@pytest.fixture(autouse=True)
+def few_threads():
+    torch.set_num_threads(1)
+
+
+def write_dataset(folder: Path, train: int = 6, validation: int = 3) -> Path:
+    """Random blobs seen by the ten views in reverse order, among two others."""
+    random = np.random.default_rng(3)
+    zeniths = [OTHER_ZENITHS_DEG[0], *reversed(CLOUDCT_10_DEG), OTHER_ZENITHS_DEG[1]]
+    (folder / "samples").mkdir(parents=True)
+    samples = []
+    for index in range(train + validation):
+        extinction = np.zeros((LEVELS, SIZE, SIZE), np.float32)
+        extinction[1:5, 2:6, 2:5] = random.uniform(5.0, 40.0, (4, 4, 3))
+        # The view shows in the radiance, so that a wrong order would be seen.
+        radiance = (
+            0.01
+            + 0.001 * np.arange(len(zeniths))[:, None, None]
+            + 0.2 * (1.0 - np.exp(-0.004 * extinction.sum(0)))
+        )
+        path = folder / "samples" / f"{index:06}.nc"
+        with h5py.File(path, "w") as file:
+            file["extinction"] = extinction
+            file["radiance"] = radiance.astype(np.float32)
+        samples.append(
+            {
+                "file": f"samples/{path.name}",
+                "split": "train" if index < train else "validation",
+                "source": "made_up.nc",
+                "sha256": hashlib.sha256(path.read_bytes()).hexdigest(),
+            }
+        )
+    manifest = {
+        "format": FORMAT,
+        "formation": "twelve",
+        "geometry": {
+            "sun_zenith_deg": 30.0,
+            "sun_azimuth_deg": 45.0,
+            "view_zenith_deg": [abs(zenith) for zenith in zeniths],
+            "view_azimuth_deg": [180.0 if zenith < 0.0 else 0.0 for zenith in zeniths],
+            "pixel_km": [0.05 + 0.0005 * abs(zenith) for zenith in zeniths],
+        },
+        "image_shape": [SIZE, SIZE],
+        "voxel_spacing_km": [0.05, 0.05, 0.04],
+        "levels": {"origin_km": 0.48, "count": LEVELS, "spacing_km": 0.04},
+        "samples": samples,
+    }
+    (folder / "manifest.json").write_text(json.dumps(manifest))
+    return folder
+
+
+@pytest.fixture
+def dataset_folder(tmp_path: Path) -> Path:
+    return write_dataset(tmp_path / "dataset")
+
+
+def change_manifest(folder: Path, change) -> None:
+    path = folder / "manifest.json"
+    manifest = json.loads(path.read_text())
+    change(manifest)
+    path.write_text(json.dumps(manifest))
+
+
+def seasoned_network(channels: list[int], seed: int = 0) -> Network:
+    """A network whose batch norms have the statistics of data and learned-looking factors."""
+    torch.manual_seed(seed)
+    network = Network(channels)
+    for block in network.net.body:
+        torch.nn.init.uniform_(block.body[0].bias, -0.2, 0.2)
+        torch.nn.init.uniform_(block.body[1].weight, 0.6, 1.4)
+        torch.nn.init.uniform_(block.body[1].bias, -0.3, 0.3)
+    network.train()
+    with torch.no_grad():
+        for _ in range(40):
+            network(torch.rand(8, channels[0], 16, 16) ** 2)
+    return network.eval()
+
+
+def saved(path: Path, network: Network, wrapped: bool) -> Path:
+    """A bare state dict, or one in a checkpoint as the authors write it."""
+    state = network.state_dict()
+    if wrapped:
+        state = {"epoch": 7, "model_state_dict": state, "optimizer_state_dict": {"state": {}}}
+    torch.save(state, path)
+    return path
+
+
+def weights_metadata(views: int, levels: int) -> dict:
+    """Metadata for weights that are made up."""
+    zeniths = [2.0 * view for view in range(views)]
+    return {
+        "formation": "made-up",
+        "view_geometry": {
+            "sun_zenith_deg": 30.0,
+            "sun_azimuth_deg": 45.0,
+            "view_zenith_deg": zeniths,
+            "view_azimuth_deg": [0.0] * views,
+            "pixel_km": [0.05] * views,
+        },
+        "target_altitude_km": 1.12,
+        "wavelength_um": 0.672,
+        "image_layout": "camera",
+        "horizontal_spacing_km": [0.05, 0.05],
+        "levels": {"bottom_km": 0.48, "count": levels, "spacing_km": 0.04},
+        "input_scale": 5.0,
+        "output_scale": 20.0,
+        "training": {"data": "none", "identity": "none", "samples": 0, "seed": 0},
+        "scores": {},
+        "configuration": {},
+    }

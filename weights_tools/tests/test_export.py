@@ -1,0 +1,101 @@
+"""Checkpoints to weights files."""
+
+import json
+import os
+import pickle
+
+import pytest
+import torch
+from conftest import saved, seasoned_network, weights_metadata
+from safetensors import safe_open
+from safetensors.torch import load_file
+
+from weights_tools.__main__ import main
+from weights_tools.errors import InputError
+from weights_tools.export import METADATA_KEYS, export, folded_layers
+
+
+@pytest.mark.parametrize("wrapped", [False, True])
+def test_both_kinds_of_checkpoint_become_the_same_weights(tmp_path, wrapped):
+    network = seasoned_network([3, 6, 4])
+    checkpoint = saved(tmp_path / "network.pt", network, wrapped)
+    export(checkpoint, tmp_path / "w.safetensors", weights_metadata(3, 4))
+    tensors = load_file(tmp_path / "w.safetensors")
+    assert set(tensors) == {f"layers.{i}.{part}" for i in (0, 1) for part in ("weight", "bias")}
+    images = torch.rand(2, 3, 9, 5)
+    output = images
+    for layer in range(2):
+        weight, bias = tensors[f"layers.{layer}.weight"], tensors[f"layers.{layer}.bias"]
+        output = torch.nn.functional.conv2d(output, weight, bias, padding=1).relu()
+    with torch.no_grad():
+        assert torch.allclose(output, network(images), rtol=1e-5, atol=1e-5)
+    with safe_open(tmp_path / "w.safetensors", "pt") as file:
+        header = json.loads(file.metadata()["deepct"])
+    assert header["architecture"] == {"channels": [3, 6, 4], "last_relu": True}
+    assert set(header) == {*METADATA_KEYS, "architecture", "format_version", "program"}
+
+
+def test_folding_is_exact_to_the_last_bit_of_f32():
+    network = seasoned_network([2, 3])
+    layers = folded_layers(network)
+    block = network.double().net.body[0]
+    images = torch.rand(1, 2, 6, 6, dtype=torch.float64)
+    with torch.no_grad():
+        folded = torch.nn.functional.conv2d(
+            images, layers["layers.0.weight"].double(), layers["layers.0.bias"].double(), padding=1
+        )
+        normed = block.body[1](block.body[0](images))
+    assert (folded - normed).abs().max() < 2e-7 * normed.abs().max() * 18
+
+
+def test_a_pickle_with_code_is_refused_and_does_not_run(tmp_path):
+    class Trap:
+        def __reduce__(self):
+            return os.mkdir, (str(tmp_path / "sprung"),)
+
+    for name, write in (
+        ("zip.pt", lambda path: torch.save({"model_state_dict": Trap()}, path)),
+        ("plain.pt", lambda path: path.write_bytes(pickle.dumps(Trap()))),
+    ):
+        write(tmp_path / name)
+        with pytest.raises(InputError, match=name):
+            export(tmp_path / name, tmp_path / "w.safetensors", weights_metadata(3, 4))
+    assert not (tmp_path / "sprung").exists()
+    assert not (tmp_path / "w.safetensors").exists()
+
+
+@pytest.mark.parametrize(
+    "content", [b"", b"not a checkpoint", b"PK\x03\x04 cut", pickle.dumps({"state": "words"})]
+)
+def test_files_that_are_no_checkpoint_are_refused(tmp_path, content):
+    (tmp_path / "network.pt").write_bytes(content)
+    with pytest.raises(InputError, match="network.pt"):
+        export(tmp_path / "network.pt", tmp_path / "w.safetensors", weights_metadata(3, 4))
+
+
+def test_truncated_checkpoints_are_refused(tmp_path):
+    whole = saved(tmp_path / "whole.pt", seasoned_network([3, 4]), True).read_bytes()
+    for length in (10, len(whole) // 2, len(whole) - 1):
+        (tmp_path / "cut.pt").write_bytes(whole[:length])
+        with pytest.raises(InputError, match="cut.pt"):
+            export(tmp_path / "cut.pt", tmp_path / "w.safetensors", weights_metadata(3, 4))
+
+
+@pytest.mark.parametrize("value", [torch.ones(3), {"model_state_dict": [1]}, {"a": torch.ones(1)}])
+def test_checkpoints_of_something_else_are_refused(tmp_path, value):
+    torch.save(value, tmp_path / "network.pt")
+    with pytest.raises(InputError, match="network.pt"):
+        export(tmp_path / "network.pt", tmp_path / "w.safetensors", weights_metadata(3, 4))
+
+
+def test_metadata_has_to_be_complete_and_known(tmp_path, capsys):
+    checkpoint = saved(tmp_path / "network.pt", seasoned_network([3, 4]), False)
+    command = ["export", str(checkpoint), "--out", str(tmp_path / "w.safetensors")]
+    assert main(command) == 2
+    assert "--metadata" in capsys.readouterr().err
+    metadata = weights_metadata(3, 4)
+    (tmp_path / "metadata.json").write_text(json.dumps({**metadata, "sun": 3}))
+    assert main([*command, "--metadata", str(tmp_path / "metadata.json")]) == 2
+    assert "unknown metadata sun" in capsys.readouterr().err
+    (tmp_path / "metadata.json").write_text(json.dumps(metadata))
+    assert main([*command, "--metadata", str(tmp_path / "metadata.json")]) == 0

@@ -1,0 +1,161 @@
+"""Training: it learns, goes on where it was stopped, and refuses what does not fit."""
+
+import csv
+from dataclasses import replace
+
+import pytest
+import torch
+
+from weights_tools.checkpoint import load_checkpoint
+from weights_tools.dataset import load_dataset
+from weights_tools.errors import InputError
+from weights_tools.recipe import LossRecipe, NetworkRecipe, Recipe, TrainingRecipe, load_recipe
+from weights_tools.training import BEST, LAST, Training, learning_rate, loss_of
+
+RECIPE = Recipe(
+    "cloudct-10",
+    NetworkRecipe(layers=3),
+    training=TrainingRecipe(epochs=4, batch=2, shift_voxels=1, reduced_precision=False),
+)
+CPU = torch.device("cpu")
+
+
+def silent(_: str) -> None:
+    pass
+
+
+@pytest.fixture
+def data(dataset_folder):
+    return load_dataset(dataset_folder, "cloudct-10")
+
+
+class Killed(Exception):
+    pass
+
+
+def kill_after(epochs: int):
+    def report(line: str) -> None:
+        if line.startswith(f"epoch {epochs}/"):
+            raise Killed
+
+    return report
+
+
+def test_a_run_that_was_killed_ends_like_one_that_was_not(data, tmp_path):
+    Training(RECIPE, data, tmp_path / "whole", CPU).run(None, silent)
+    with pytest.raises(Killed):
+        Training(RECIPE, data, tmp_path / "cut", CPU).run(None, kill_after(2))
+    lines = []
+    Training(RECIPE, data, tmp_path / "cut", CPU).run(None, lines.append)
+    assert lines[0] == "going on after epoch 2" and len(lines) == 3
+    for name in (LAST, BEST):
+        whole, cut = (load_checkpoint(tmp_path / run / name) for run in ("whole", "cut"))
+        for part, values in whole["model_state_dict"].items():
+            assert torch.equal(values, cut["model_state_dict"][part]), part
+        for parameter, state in whole["optimizer_state_dict"]["state"].items():
+            for key, values in state.items():
+                assert torch.equal(values, cut["optimizer_state_dict"]["state"][parameter][key])
+    assert [row["loss"] for row in whole["history"]] == [row["loss"] for row in cut["history"]]
+
+
+def test_it_learns_and_the_best_epoch_is_kept(data, tmp_path):
+    training = replace(RECIPE.training, epochs=60, learning_rate=0.01, shift_voxels=0)
+    recipe = replace(RECIPE, training=training)
+    run = Training(recipe, data, tmp_path, CPU)
+    run.run(None, silent)
+    epsilon = [row["validation_epsilon"] for row in run.history]
+    assert min(epsilon) < 0.6 < epsilon[0]
+    best = load_checkpoint(tmp_path / BEST)
+    assert best["epoch"] == 1 + epsilon.index(min(epsilon))
+    assert best["metadata"]["scores"]["epsilon"] == min(epsilon)
+    assert load_checkpoint(tmp_path / LAST)["epoch"] == 60
+    with open(tmp_path / "curves.csv", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [float(row["validation_epsilon"]) for row in rows] == epsilon
+    assert (tmp_path / "curves.png").read_bytes().startswith(b"\x89PNG")
+    assert not list(tmp_path.glob(".*"))
+
+
+def test_the_authors_keys_are_in_a_checkpoint(data, tmp_path):
+    Training(replace(RECIPE, training=replace(RECIPE.training, epochs=1)), data, tmp_path, CPU).run(
+        None, silent
+    )
+    assert {"epoch", "model_state_dict", "optimizer_state_dict"} <= set(
+        load_checkpoint(tmp_path / LAST)
+    )
+
+
+def test_minutes_end_a_training_with_its_learning_rate_gone(data, tmp_path):
+    recipe = replace(RECIPE, training=replace(RECIPE.training, epochs=100_000))
+    run = Training(recipe, data, tmp_path, CPU)
+    run.run(0.02, silent)
+    assert run.progress == 1.0 and 1 <= run.epoch < 100_000
+    assert run.history[-1]["learning_rate"] == 0.0
+
+
+@pytest.mark.parametrize("precision", [False, True])
+def test_reduced_precision_is_for_training_only(data, tmp_path, precision):
+    training = replace(RECIPE.training, epochs=1, reduced_precision=precision)
+    run = Training(replace(RECIPE, training=training), data, tmp_path, CPU)
+    run.run(None, silent)
+    estimate = run.estimate(run.validation.radiance)
+    assert estimate.dtype == torch.float32
+    # bfloat16 keeps 8 bits: f32 answers are not among its values.
+    assert not torch.equal(estimate, estimate.bfloat16().float())
+
+
+def test_another_recipe_or_other_data_are_refused(data, tmp_path):
+    recipe = replace(RECIPE, training=replace(RECIPE.training, epochs=1))
+    Training(recipe, data, tmp_path, CPU).run(None, silent)
+    with pytest.raises(InputError, match="another recipe"):
+        Training(RECIPE, data, tmp_path, CPU)
+    with pytest.raises(InputError, match="other data"):
+        Training(recipe, replace(data, identity="other"), tmp_path, CPU)
+
+
+def test_the_learning_rate_rises_and_falls():
+    training = TrainingRecipe(learning_rate=1.0, warmup=0.2)
+    rates = [learning_rate(training, progress) for progress in (0.0, 0.1, 0.2, 0.6, 1.0)]
+    assert rates == pytest.approx([0.01, 0.505, 1.0, 0.5, 0.0])
+
+
+def test_the_loss_by_hand():
+    truth = torch.tensor([[1.0, 3.0], [0.0, 2.0]]).reshape(2, 2, 1, 1)
+    estimate = torch.tensor([[2.0, 1.0], [0.0, 2.0]]).reshape(2, 2, 1, 1)
+    # Differences 1, -2, 0, 0: squares sum to 5, amounts to 3; epsilon 3/4 and 0.
+    for recipe, expected in (
+        (LossRecipe(), 1.25),
+        (LossRecipe(squared=0.0, absolute=2.0), 1.5),
+        (LossRecipe(squared=0.0, relative=1.0), 0.375),
+    ):
+        assert loss_of(recipe, truth, estimate).item() == pytest.approx(expected)
+
+
+def test_recipes_that_ship_are_valid():
+    from pathlib import Path
+
+    folder = Path(__file__).parents[1] / "recipes"
+    formations = {path.stem: load_recipe(path).formation for path in folder.glob("*.toml")}
+    assert formations == {"cloudct-10": "cloudct-10", "pearls-32": "pearls-32"}
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ('formation = "a"\nepochs = 3', "unknown key epochs"),
+        ('formation = "a"\n[training]\nepoch = 3', "unknown key training.epoch"),
+        ('formation = "a"\n[training]\nepochs = "3"', "training.epochs is '3'"),
+        ('formation = "a"\n[training]\nepochs = 0', "training.epochs is out of range"),
+        ('formation = "a"\n[sensor]\nbits = 40', "bits is 40"),
+        ('formation = "a"\n[loss]\nsquared = 0', "loss is out of range"),
+        ('formation = "a"\ntraining = 3', "training is not a table"),
+        ("[training]", "no key formation"),
+        ("formation = ", "is not TOML"),
+    ],
+)
+def test_a_wrong_recipe_is_refused(tmp_path, text, message):
+    path = tmp_path / "recipe.toml"
+    path.write_text(text)
+    with pytest.raises(InputError) as error:
+        load_recipe(path)
+    assert message in str(error.value) and str(path) in str(error.value)
