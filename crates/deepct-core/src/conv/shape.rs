@@ -50,8 +50,8 @@ pub(crate) struct Plane {
     pub(super) cols: usize,
 }
 
-/// The most pixels that a kernel takes at once; planes are long enough for a panel of
-/// these to reach over their end.
+/// The most pixels that a kernel takes at once; planes are so long that a panel may start
+/// at any position.
 pub(super) const MAX_PANEL: usize = 64;
 
 impl Plane {
@@ -73,7 +73,7 @@ impl Plane {
     /// Length of the plane. An odd number of cache lines, lest the channels of one
     /// pixel compete for the same few places of the cache.
     pub(super) fn len(self) -> usize {
-        let reach = self.positions().next_multiple_of(MAX_PANEL) + 2 * self.pitch() + 2;
+        let reach = self.positions() + MAX_PANEL + 2 * self.pitch() + 2;
         let lines = reach.div_ceil(LINE);
         (lines + 1 - lines % 2) * LINE
     }

@@ -223,6 +223,24 @@ mod tests {
         }
     }
 
+    /// Panels end in every way at the end of the plane.
+    #[test]
+    fn every_width_is_computed_whole() {
+        let layers = layers(&[1, 2]);
+        for cols in 1..200 {
+            let size = [2, cols];
+            let input: Vec<f32> = (0..2 * cols).map(value).collect();
+            let expected = naive(&layers, &input, size);
+            for kernel in Kernel::available() {
+                let found = run(&stack(&layers, kernel), &input, size);
+                for (found, expected) in found.iter().zip(&expected) {
+                    let error = (f64::from(*found) - expected).abs();
+                    assert!(error < 1e-6, "{kernel:?} {cols}: {error}");
+                }
+            }
+        }
+    }
+
     #[test]
     fn the_number_of_threads_changes_no_bit() {
         let layers = layers(&[10, 12, 14, 16]);

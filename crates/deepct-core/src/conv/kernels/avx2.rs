@@ -7,11 +7,11 @@ use std::arch::x86_64::{
 };
 
 /// Vectors in a panel.
-const VECTORS: usize = 3;
+const VECTORS: usize = 2;
 /// Pixels in a panel.
 pub(super) const PIXELS: usize = 8 * VECTORS;
-/// Output channels in a block: 12 registers hold sums, 3 columns, 1 a weight.
-pub(super) const CHANNELS: usize = 4;
+/// Output channels in a block: 12 registers hold sums, 2 columns, 2 weights.
+pub(super) const CHANNELS: usize = 6;
 
 /// As [`Kernel::gather`](super::Kernel::gather).
 #[target_feature(enable = "avx2")]
@@ -22,7 +22,7 @@ pub(super) fn gather(panel: Panel<'_>, columns: &mut [f32]) {
 /// As [`Kernel::accumulate`](super::Kernel::accumulate).
 #[target_feature(enable = "avx2,fma")]
 pub(super) fn accumulate(columns: &[f32], weights: &[f32], sums: &mut [f32]) {
-    for_block!(sums.len() / PIXELS, block(columns, weights, sums), 1 2 3 4);
+    for_block!(sums.len() / PIXELS, block(columns, weights, sums), 1 2 3 4 5 6);
 }
 
 #[target_feature(enable = "avx2,fma")]
