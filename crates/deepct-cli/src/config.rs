@@ -14,7 +14,7 @@ pub(crate) struct Args {
 }
 
 /// The verbs that have settings, and their commented defaults in TOML.
-const DEFAULTS: [(&str, &str); 0] = [];
+const DEFAULTS: [(&str, &str); 1] = [("dataset", crate::dataset::DEFAULTS)];
 
 /// The flags of a verb that has settings.
 #[derive(Debug, Clone, clap::Args)]
@@ -43,6 +43,11 @@ pub(crate) fn run(args: &Args) -> Result<Outcome> {
 }
 
 impl Settings {
+    /// From a file and single values that were not given as flags of this name.
+    pub(crate) fn new(config: Option<PathBuf>, set: Vec<String>) -> Self {
+        Self { config, set }
+    }
+
     /// The settings that result from `defaults`, the file and the single values.
     ///
     /// # Errors

@@ -6,6 +6,7 @@
 mod carve;
 mod completions;
 mod config;
+mod dataset;
 mod global;
 mod man;
 mod progress;
@@ -31,6 +32,7 @@ enum Verb {
     Sense(sense::Args),
     Carve(carve::Args),
     Score(score::Args),
+    Dataset(dataset::Args),
     Config(config::Args),
     Completions(completions::Args),
     Man(man::Args),
@@ -51,6 +53,7 @@ fn run(cli: Cli) -> deepct_core::Result<Outcome> {
         Verb::Sense(args) => sense::run(&args, &cli.global),
         Verb::Carve(args) => carve::run(&args, &cli.global),
         Verb::Score(args) => score::run(&args, &cli.global),
+        Verb::Dataset(args) => dataset::run(&args, &cli.global),
         Verb::Config(args) => config::run(&args),
         Verb::Completions(args) => completions::run(&args),
         Verb::Man(args) => man::run(&args),

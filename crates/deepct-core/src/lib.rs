@@ -12,6 +12,7 @@
 pub mod carve;
 pub mod cloud;
 pub mod conv;
+#[cfg(feature = "files")]
 pub mod dataset;
 pub mod error;
 pub mod grid;

@@ -21,7 +21,7 @@ use std::path::Path;
 #[cfg(feature = "files")]
 pub use netcdf::{
     MAX_VALUES, Provenance, read_cloud, read_grid, read_mask, read_observation, read_volume,
-    write_cloud, write_mask, write_observation, write_volume,
+    write_cloud, write_mask, write_observation, write_sample, write_volume,
 };
 #[cfg(feature = "files")]
 pub use weights::write_weights;
@@ -48,4 +48,15 @@ pub(crate) fn temporary_beside(path: &Path) -> Result<tempfile::TempPath> {
     }
     let file = builder.tempfile_in(folder).map_err(Error::io(path))?;
     Ok(file.into_temp_path())
+}
+
+/// Write a text file, to a temporary name first.
+///
+/// # Errors
+/// When the file cannot be written.
+#[cfg(feature = "files")]
+pub(crate) fn write_text(path: &Path, text: &str) -> Result<()> {
+    let temporary = temporary_beside(path)?;
+    std::fs::write(&temporary, text).map_err(Error::io(path))?;
+    temporary.persist(path).map_err(|problem| Error::io(path)(problem.error))
 }

@@ -161,13 +161,18 @@ impl Observation {
 
     /// The geometry in plain numbers.
     pub fn geometry(&self) -> ViewGeometry {
-        ViewGeometry {
-            sun_zenith_deg: self.sun.zenith.to_degrees(),
-            sun_azimuth_deg: self.sun.azimuth.to_degrees(),
-            view_zenith_deg: self.views.iter().map(|view| view.zenith().to_degrees()).collect(),
-            view_azimuth_deg: self.views.iter().map(|view| view.azimuth().to_degrees()).collect(),
-            pixel_km: self.views.iter().map(View::pixel_km).collect(),
-        }
+        view_geometry(&self.sun, &self.views)
+    }
+}
+
+/// The geometry of views under a Sun in plain numbers.
+pub fn view_geometry(sun: &Sun, views: &[View]) -> ViewGeometry {
+    ViewGeometry {
+        sun_zenith_deg: sun.zenith.to_degrees(),
+        sun_azimuth_deg: sun.azimuth.to_degrees(),
+        view_zenith_deg: views.iter().map(|view| view.zenith().to_degrees()).collect(),
+        view_azimuth_deg: views.iter().map(|view| view.azimuth().to_degrees()).collect(),
+        pixel_km: views.iter().map(View::pixel_km).collect(),
     }
 }
 

@@ -106,9 +106,14 @@ pub fn write_volume(
     provenance: &Provenance,
 ) -> Result<()> {
     let mut output = Output::create(path.as_ref(), provenance)?;
-    write_axes(&mut output, &volume.grid)?;
-    output.variable("extinction", &AXES, &volume.values, EXTINCTION)?;
+    put_volume(&mut output, volume)?;
     output.finish()
+}
+
+/// Put a volume into a file that is being written.
+pub(super) fn put_volume(output: &mut Output, volume: &Volume) -> Result<()> {
+    write_axes(output, &volume.grid)?;
+    output.variable("extinction", &AXES, &volume.values, EXTINCTION)
 }
 
 /// Read `extinction` (km-1) on `(z, y, x)`.

@@ -5,6 +5,7 @@ mod dimension;
 mod field;
 mod observation;
 mod read;
+mod sample;
 mod write;
 
 pub(crate) use axis::{edge_and_spacing, kilometres};
@@ -13,6 +14,7 @@ pub use field::{
 };
 pub use observation::{read_observation, write_observation};
 pub(crate) use read::{Input, Variable};
+pub use sample::write_sample;
 
 /// The most values that are read from one variable at once: a guard against a file
 /// whose header asks for more memory than the machine has.

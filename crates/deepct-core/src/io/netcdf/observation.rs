@@ -34,6 +34,12 @@ pub fn write_observation(
     provenance: &Provenance,
 ) -> Result<()> {
     let mut output = Output::create(path.as_ref(), provenance)?;
+    put_observation(&mut output, observation)?;
+    output.finish()
+}
+
+/// Put images into a file that is being written.
+pub(super) fn put_observation(output: &mut Output, observation: &Observation) -> Result<()> {
     let [views, rows, cols] = observation.images.shape();
     output.counted("view", views, "number of the view")?;
     output.counted("row", rows, "pixel row, growing to the north")?;
@@ -46,9 +52,8 @@ pub fn write_observation(
             [("units", Text("sr-1")), ("long_name", Text("standard error of radiance"))];
         output.variable("radiance_standard_error", &PIXELS, &error.values, &attributes)?;
     }
-    write_cameras(&output, &observation.views)?;
-    write_light(&output, observation)?;
-    output.finish()
+    write_cameras(output, &observation.views)?;
+    write_light(output, observation)
 }
 
 /// Read images that [`write_observation`] wrote, every number as it was.

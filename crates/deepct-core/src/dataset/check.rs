@@ -1,0 +1,31 @@
+//! Whether a data set is whole.
+
+use super::{Manifest, generate::sha256};
+use crate::error::{Error, Result};
+use crate::io;
+use std::path::Path;
+
+/// Read every sample of a data set and compare it with the manifest; `progress` is
+/// called once a sample. Returns the manifest.
+///
+/// # Errors
+/// The first sample that is missing, changed, or of another shape or geometry.
+pub fn check(folder: &Path, progress: &(dyn Fn(u64) + Sync)) -> Result<Manifest> {
+    let manifest = Manifest::read(folder)?;
+    let remedy = "delete the file and run `deepct dataset generate` again";
+    for sample in &manifest.samples {
+        let path = folder.join(&sample.file);
+        if sha256(&path)? != sample.sha256 {
+            return Err(Error::file(path, "checksum", "differs from the manifest's", remedy));
+        }
+        let volume = io::read_volume(&path)?;
+        let observation = io::read_observation(&path)?;
+        let [views, rows, cols] = observation.images.shape();
+        let expected = (manifest.levels.count, manifest.geometry.view_zenith_deg.len());
+        if (volume.grid.shape[0], views) != expected || [rows, cols] != manifest.image_shape {
+            return Err(Error::file(path, "shape", "differs from the manifest's", remedy));
+        }
+        progress(1);
+    }
+    Ok(manifest)
+}

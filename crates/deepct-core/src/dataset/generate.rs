@@ -1,0 +1,205 @@
+//! The making of a data set: snapshot by snapshot, cloud by cloud, resumable.
+
+use super::{DatasetSettings, FORMAT, Manifest, Sample, Source};
+use crate::cloud::{self, Cloud, IsolateSettings, Isolated};
+use crate::error::{Error, Result};
+use crate::grid::Grid;
+use crate::io::import::{ImportSettings, import_cloud};
+use crate::io::{self, Provenance};
+use crate::math::DVec3;
+use crate::optics::{self, Medium};
+use crate::rng::{Purpose, RngExt, stream};
+use crate::scene::{Observation, Scene, Sun, Surface, View, view_geometry};
+use crate::transport::{self, MonteCarloSettings, Solver};
+use sha2::{Digest, Sha256};
+use std::path::{Path, PathBuf};
+
+/// How far the making of a data set has come.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Generated {
+    /// Samples in the folder.
+    pub samples: usize,
+    /// Those of them that were made now and not found.
+    pub made: usize,
+}
+
+/// Make the data set of `settings` in `folder` from the simulations in `simulations`.
+///
+/// Samples that are in the folder already are kept: a run that was stopped goes on
+/// where it was. `progress` is called after every snapshot with what is there.
+///
+/// # Errors
+/// A folder with a data set of other settings; a simulation or a sample that cannot
+/// be read or written; settings out of range.
+pub fn generate(
+    settings: &DatasetSettings,
+    simulations: &Path,
+    folder: &Path,
+    progress: &(dyn Fn(Generated) + Sync),
+) -> Result<Generated> {
+    let workshop = Workshop::open(settings, simulations, folder)?;
+    let mut manifest = workshop.empty_manifest();
+    let mut generated = Generated { samples: 0, made: 0 };
+    for (number, source) in settings.sources.iter().enumerate() {
+        for snapshot in (source.first..=source.last).step_by(source.every) {
+            for isolated in workshop.clouds(number, source, snapshot)? {
+                let (sample, made) = workshop.sample(number, source, snapshot, &isolated)?;
+                manifest.samples.push(sample);
+                generated.samples += 1;
+                generated.made += usize::from(made);
+            }
+            manifest.write(folder)?;
+            progress(generated);
+        }
+    }
+    Ok(generated)
+}
+
+/// SHA-256 of a file, in hexadecimal.
+pub(super) fn sha256(path: &Path) -> Result<String> {
+    let bytes = std::fs::read(path).map_err(Error::io(path))?;
+    Ok(Sha256::digest(bytes).iter().map(|byte| format!("{byte:02x}")).collect())
+}
+
+/// What stays the same from sample to sample.
+struct Workshop<'a> {
+    settings: &'a DatasetSettings,
+    simulations: &'a Path,
+    folder: &'a Path,
+    sun: Sun,
+    surface: Surface,
+    grid: Grid,
+    views: Vec<View>,
+}
+
+impl<'a> Workshop<'a> {
+    fn open(
+        settings: &'a DatasetSettings,
+        simulations: &'a Path,
+        folder: &'a Path,
+    ) -> Result<Self> {
+        if let Some(source) = settings.sources.iter().find(|source| source.every == 0) {
+            let name = source.file.display();
+            return Err(Error::out_of_range("every", format!("0 for {name}"), "at least 1"));
+        }
+        if Manifest::path(folder).exists() && Manifest::read(folder)?.configuration != *settings {
+            return Err(Error::file(
+                Manifest::path(folder),
+                "configuration",
+                "differs from the one asked for",
+                "choose another folder, or the settings that the data set was begun with",
+            ));
+        }
+        let samples = folder.join("samples");
+        std::fs::create_dir_all(&samples).map_err(Error::io(&samples))?;
+        let columns = settings.columns;
+        let levels = settings.levels;
+        // The horizontal place of a cloud does not matter: every sample stands at 0.
+        let grid = Grid::new(
+            DVec3::new(0.0, 0.0, levels.bottom_km),
+            DVec3::new(settings.column_km, settings.column_km, levels.spacing_km),
+            [levels.count, columns, columns],
+        )?;
+        Ok(Self {
+            settings,
+            simulations,
+            folder,
+            sun: Sun::from_degrees(settings.sun_zenith_deg, settings.sun_azimuth_deg)?,
+            surface: Surface { albedo: settings.surface_albedo, altitude: 0.0 },
+            grid,
+            views: settings.formation()?.views(grid.center(), [columns, columns])?,
+        })
+    }
+
+    fn empty_manifest(&self) -> Manifest {
+        Manifest {
+            format: FORMAT.into(),
+            deepct_version: env!("CARGO_PKG_VERSION").into(),
+            formation: self.settings.formation.clone(),
+            geometry: view_geometry(&self.sun, &self.views),
+            image_shape: [self.settings.columns; 2],
+            voxel_spacing_km: self.grid.spacing.to_array(),
+            levels: self.settings.levels,
+            configuration: self.settings.clone(),
+            samples: Vec::new(),
+        }
+    }
+
+    /// The whole field of one snapshot, on the samples' levels.
+    fn field(&self, source: &Source, snapshot: usize) -> Result<Cloud> {
+        let settings = ImportSettings {
+            time: snapshot,
+            droplets_per_cm3: Some(self.settings.droplets_per_cm3),
+            spacing: Some(self.grid.spacing),
+            base: Some(self.settings.levels.bottom_km),
+            levels: Some(self.settings.levels.count),
+            ..ImportSettings::default()
+        };
+        import_cloud(self.simulations.join(&source.file), &settings)
+    }
+
+    /// The clouds of one snapshot that are taken, in the order of their places.
+    fn clouds(&self, number: usize, source: &Source, snapshot: usize) -> Result<Vec<Isolated>> {
+        let field = self.field(source, snapshot)?;
+        let settings = IsolateSettings {
+            side: self.settings.columns,
+            columns: self.settings.minimum_columns,
+            water_path: self.settings.minimum_water_path,
+            ..IsolateSettings::default()
+        };
+        let mut clouds = cloud::isolate(&field, &settings)?;
+        let indices = [number as u64, snapshot as u64];
+        let mut rng = stream(self.settings.seed, Purpose::Dataset, &indices);
+        while clouds.len() > source.clouds {
+            clouds.remove(rng.random_range(0..clouds.len()));
+        }
+        Ok(clouds)
+    }
+
+    /// The sample of one cloud, and whether it had to be made.
+    fn sample(
+        &self,
+        number: usize,
+        source: &Source,
+        snapshot: usize,
+        isolated: &Isolated,
+    ) -> Result<(Sample, bool)> {
+        let [row, col] = isolated.corner;
+        let file = PathBuf::from(format!("samples/{number}-{snapshot:03}-{row}-{col}.nc"));
+        let path = self.folder.join(&file);
+        let missing = !path.exists();
+        if missing {
+            let cloud = Cloud { grid: self.grid, ..isolated.cloud.clone() };
+            let key = [number as u64, snapshot as u64, row as u64, col as u64];
+            let seed = stream(self.settings.seed, Purpose::Dataset, &key).random();
+            self.make(&cloud, &path, source.samples_per_pixel, seed)?;
+        }
+        let sample = Sample {
+            sha256: sha256(&path)?,
+            file,
+            split: source.split,
+            source: source.file.clone(),
+            snapshot,
+            corner: isolated.corner,
+        };
+        Ok((sample, missing))
+    }
+
+    /// Render one cloud and write the sample.
+    fn make(&self, cloud: &Cloud, path: &Path, samples_per_pixel: u32, seed: u64) -> Result<()> {
+        let truth = optics::extinction(cloud)?;
+        let scene = Scene::new(Medium::from_cloud(cloud)?, self.sun, self.surface)?;
+        let solver = Solver::MonteCarlo(MonteCarloSettings {
+            samples_per_pixel,
+            similarity_after: self.settings.similarity_after,
+            seed,
+        });
+        let rendering = transport::render(&scene, &self.views, &solver, &|_| ())?;
+        let mut observation = Observation::new(self.sun, self.views.clone(), rendering.images)?;
+        observation.standard_error = Some(rendering.standard_error);
+        let configuration = serde_json::to_string(self.settings).unwrap_or_default();
+        let provenance =
+            Provenance { title: "deepct dataset generate".into(), configuration, seed };
+        io::write_sample(path, &truth, &observation, &provenance)
+    }
+}

@@ -1,0 +1,292 @@
+//! Data sets for training: what is in them, and how they are made and resumed.
+//!
+//! A data set is a folder: `manifest.json` and one file per sample under `samples/`,
+//! each with the truth (`extinction`) and what a formation sees of it (`radiance`,
+//! without sensor noise: that is drawn anew each time a sample is used).
+//! Every sample is one isolated cloud of a large-eddy simulation. The sets are split
+//! by time, so that no cloud stands in two of them.
+
+mod check;
+mod generate;
+
+pub use check::check;
+pub use generate::{Generated, generate};
+
+use crate::error::{Error, Result};
+use crate::image::ViewGeometry;
+use crate::network::Levels;
+use crate::scene::Formation;
+use serde::{Deserialize, Serialize};
+use std::path::{Path, PathBuf};
+
+/// The name of the format, in every manifest.
+pub const FORMAT: &str = "deepct-dataset 1";
+
+/// What a data set is made of.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DatasetSettings {
+    /// Seed of the choice of clouds and of the light paths.
+    pub seed: u64,
+    /// Name of the formation that looks at the clouds.
+    pub formation: String,
+    /// Scattering orders before the similarity-scaled medium takes over; never, if
+    /// absent.
+    pub similarity_after: Option<u32>,
+    /// Angle between +z and the Sun (degrees).
+    pub sun_zenith_deg: f64,
+    /// Azimuth towards the Sun, clockwise from north (degrees).
+    pub sun_azimuth_deg: f64,
+    /// Albedo of the surface, at altitude 0.
+    pub surface_albedo: f64,
+    /// Droplet number concentration (1/cm3), from which effective radii follow.
+    pub droplets_per_cm3: f64,
+    /// Columns of a sample along x and along y.
+    pub columns: usize,
+    /// Side of a column (km).
+    pub column_km: f64,
+    /// Levels of a sample.
+    pub levels: Levels,
+    /// Fewest cloudy columns of a cloud that is taken.
+    pub minimum_columns: usize,
+    /// Least liquid water path (g/m2) that a cloud must reach to be taken.
+    pub minimum_water_path: f32,
+    /// Where the clouds come from.
+    pub sources: Vec<Source>,
+}
+
+/// A stretch of time of one simulation.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Source {
+    /// The simulation, relative to the folder of the simulations.
+    pub file: PathBuf,
+    /// The set that its clouds belong to.
+    pub split: Split,
+    /// Index of the first snapshot.
+    pub first: usize,
+    /// Index of the last snapshot.
+    pub last: usize,
+    /// Take every so many snapshots.
+    pub every: usize,
+    /// The most clouds taken of one snapshot, drawn at random.
+    pub clouds: usize,
+    /// Light paths per pixel: few do for training, where their noise is one more that
+    /// the network learns to bear.
+    pub samples_per_pixel: u32,
+}
+
+/// The set that a sample belongs to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Split {
+    /// What a network learns from.
+    Train,
+    /// What decides when to stop, and what is reported of a training.
+    Validation,
+    /// What nobody looks at before the end.
+    Test,
+}
+
+/// One sample of a data set.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Sample {
+    /// Its file, relative to the data set's folder.
+    pub file: PathBuf,
+    /// The set that it belongs to.
+    pub split: Split,
+    /// The simulation that it is from.
+    pub source: PathBuf,
+    /// The index of the snapshot.
+    pub snapshot: usize,
+    /// Row and column of the simulation at its south-west corner; beyond the sides, it
+    /// is counted into the periodic neighbours.
+    pub corner: [i64; 2],
+    /// SHA-256 of the file, in hexadecimal.
+    pub sha256: String,
+}
+
+/// `manifest.json`: what a data set holds and how it was made.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Manifest {
+    /// [`FORMAT`].
+    pub format: String,
+    /// Version of the program that made it.
+    pub deepct_version: String,
+    /// Formation that looked at the clouds.
+    pub formation: String,
+    /// Its geometry in numbers.
+    pub geometry: ViewGeometry,
+    /// Rows and columns of an image.
+    pub image_shape: [usize; 2],
+    /// Size of a voxel along x, y, z (km).
+    pub voxel_spacing_km: [f64; 3],
+    /// The vertical axis.
+    pub levels: Levels,
+    /// The settings that made it.
+    pub configuration: DatasetSettings,
+    /// The samples, sorted by file.
+    pub samples: Vec<Sample>,
+}
+
+impl DatasetSettings {
+    /// Number of snapshots that are read.
+    pub fn snapshots(&self) -> usize {
+        let count = |source: &Source| (source.first..=source.last).step_by(source.every.max(1));
+        self.sources.iter().map(|source| count(source).count()).sum()
+    }
+
+    /// The formation by its name.
+    ///
+    /// # Errors
+    /// A name that is no preset.
+    pub fn formation(&self) -> Result<Formation> {
+        Formation::preset(&self.formation).ok_or_else(|| {
+            Error::out_of_range(
+                "formation",
+                format!("\"{}\"", self.formation),
+                format!("one of {}", Formation::PRESETS.join(", ")),
+            )
+        })
+    }
+}
+
+impl Manifest {
+    /// The manifest of a data set's folder.
+    ///
+    /// # Errors
+    /// A manifest that is missing, unreadable or of another format.
+    pub fn read(folder: &Path) -> Result<Self> {
+        let path = Self::path(folder);
+        let text = std::fs::read_to_string(&path).map_err(Error::io(&path))?;
+        let remedy = "make the data set again with `deepct dataset generate`";
+        let manifest: Self = serde_json::from_str(&text)
+            .map_err(|problem| Error::file(&path, "manifest", problem.to_string(), remedy))?;
+        if manifest.format != FORMAT {
+            let problem = format!("\"{}\" is not \"{FORMAT}\"", manifest.format);
+            return Err(Error::file(&path, "format", problem, remedy));
+        }
+        Ok(manifest)
+    }
+
+    /// Where the manifest of a data set's folder is.
+    pub fn path(folder: &Path) -> PathBuf {
+        folder.join("manifest.json")
+    }
+
+    pub(super) fn write(&self, folder: &Path) -> Result<()> {
+        let path = Self::path(folder);
+        let text = serde_json::to_string_pretty(self).map_err(|problem| {
+            Error::file(&path, "manifest", problem.to_string(), "report this as a bug")
+        })?;
+        crate::io::write_text(&path, &text)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cloud::{Cloud, Microphysics};
+    use crate::grid::Grid;
+    use crate::io::{self, Provenance};
+    use crate::math::DVec3;
+    use ndarray::Array3;
+
+    /// A simulation of one snapshot with two boxes of cloud, one of them across the
+    /// periodic side, and settings that take both.
+    fn simulation(folder: &Path) -> DatasetSettings {
+        let spacing = DVec3::new(0.05, 0.05, 0.04);
+        let grid = Grid::new(DVec3::new(0.0, 0.0, 0.48), spacing, [6, 24, 24]).unwrap();
+        let box_of_cloud = |k: usize, j: usize, i: usize| {
+            let across = (i + 2) % 24 < 4 && (3..7).contains(&j);
+            let inside = (8..14).contains(&i) && (14..19).contains(&j);
+            (across || inside) && (1..4).contains(&k)
+        };
+        let water =
+            Array3::from_shape_fn(
+                grid.shape,
+                |(k, j, i)| {
+                    if box_of_cloud(k, j, i) { 0.5 } else { 0.0 }
+                },
+            );
+        let droplets = Microphysics::from_droplet_number(water, 100.0).unwrap();
+        let field = Cloud::from_microphysics(grid, droplets).unwrap();
+        let provenance = Provenance { title: "a test".into(), configuration: "".into(), seed: 0 };
+        io::write_cloud(folder.join("field.nc"), &field, &provenance).unwrap();
+        DatasetSettings {
+            seed: 5,
+            formation: "cloudct-10".into(),
+            similarity_after: Some(2),
+            sun_zenith_deg: 30.0,
+            sun_azimuth_deg: 45.0,
+            surface_albedo: 0.05,
+            droplets_per_cm3: 100.0,
+            columns: 12,
+            column_km: 0.05,
+            levels: Levels { bottom_km: 0.48, count: 6, spacing_km: 0.04 },
+            minimum_columns: 10,
+            minimum_water_path: 20.0,
+            sources: vec![Source {
+                file: "field.nc".into(),
+                split: Split::Train,
+                first: 0,
+                last: 0,
+                every: 1,
+                clouds: 9,
+                samples_per_pixel: 4,
+            }],
+        }
+    }
+
+    #[test]
+    fn a_data_set_is_made_once_checked_and_kept() {
+        let folder = tempfile::tempdir().unwrap();
+        let settings = simulation(folder.path());
+        let out = folder.path().join("set");
+        let run = |settings| generate(settings, folder.path(), &out, &|_| ());
+        assert_eq!(run(&settings).unwrap(), Generated { samples: 2, made: 2 });
+        let manifest = check(&out, &|_| ()).unwrap();
+
+        // 16 columns by 3 levels of 0.5 g/m3 in the one cloud, 30 by 3 in the other.
+        let extinction = |sample: &Sample| {
+            let volume = io::read_volume(out.join(&sample.file)).unwrap();
+            volume.values.iter().map(|value| f64::from(*value)).sum::<f64>()
+        };
+        let radius = f64::from(crate::cloud::effective_radius(0.5, 100.0));
+        for (sample, voxels) in manifest.samples.iter().zip([48.0, 90.0]) {
+            let expected = voxels * 1500.0 * 0.5 / radius;
+            assert!((extinction(sample) / expected - 1.0).abs() < 1e-5);
+        }
+
+        // Again: nothing is made; one lost: it comes back as it was.
+        assert_eq!(run(&settings).unwrap(), Generated { samples: 2, made: 0 });
+        std::fs::remove_file(out.join(&manifest.samples[1].file)).unwrap();
+        assert_eq!(run(&settings).unwrap(), Generated { samples: 2, made: 1 });
+        assert_eq!(check(&out, &|_| ()).unwrap(), manifest);
+    }
+
+    #[test]
+    fn a_changed_sample_and_other_settings_are_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let settings = simulation(folder.path());
+        let out = folder.path().join("set");
+        generate(&settings, folder.path(), &out, &|_| ()).unwrap();
+
+        let other = DatasetSettings { surface_albedo: 0.1, ..settings.clone() };
+        let problem = generate(&other, folder.path(), &out, &|_| ()).unwrap_err().to_string();
+        assert!(problem.contains("manifest.json: configuration"), "{problem}");
+        let never = Source { every: 0, ..settings.sources[0].clone() };
+        let never = DatasetSettings { sources: vec![never], ..settings };
+        assert!(generate(&never, folder.path(), &out, &|_| ()).is_err());
+
+        let sample = out.join(&Manifest::read(&out).unwrap().samples[0].file);
+        let mut bytes = std::fs::read(&sample).unwrap();
+        let last = bytes.len() - 1;
+        bytes[last] ^= 1;
+        std::fs::write(&sample, bytes).unwrap();
+        let problem = check(&out, &|_| ()).unwrap_err().to_string();
+        assert!(problem.contains("checksum"), "{problem}");
+    }
+}
