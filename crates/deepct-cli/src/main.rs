@@ -8,10 +8,12 @@ mod completions;
 mod config;
 mod dataset;
 mod global;
+mod infer;
 mod man;
 mod progress;
 mod score;
 mod sense;
+mod weights;
 
 use clap::{Parser, Subcommand};
 use global::Global;
@@ -31,8 +33,10 @@ struct Cli {
 enum Verb {
     Sense(sense::Args),
     Carve(carve::Args),
+    Infer(infer::Args),
     Score(score::Args),
     Dataset(dataset::Args),
+    Weights(weights::Args),
     Config(config::Args),
     Completions(completions::Args),
     Man(man::Args),
@@ -52,8 +56,10 @@ fn run(cli: Cli) -> deepct_core::Result<Outcome> {
     match cli.verb {
         Verb::Sense(args) => sense::run(&args, &cli.global),
         Verb::Carve(args) => carve::run(&args, &cli.global),
+        Verb::Infer(args) => infer::run(&args, &cli.global),
         Verb::Score(args) => score::run(&args, &cli.global),
         Verb::Dataset(args) => dataset::run(&args, &cli.global),
+        Verb::Weights(args) => weights::run(&args),
         Verb::Config(args) => config::run(&args),
         Verb::Completions(args) => completions::run(&args),
         Verb::Man(args) => man::run(&args),

@@ -83,13 +83,17 @@ pub fn built_in_weights() -> impl Iterator<Item = &'static str> {
 /// Weights from a file, or from the program itself by name.
 ///
 /// # Errors
-/// As [`read_weights`]; a file that is missing is told the built-in names.
+/// A name or file that does not exist; as [`read_weights`].
 pub fn load_weights(name_or_path: impl AsRef<Path>) -> Result<Weights> {
     let path = name_or_path.as_ref();
-    let built_in = BUILT_IN.iter().find(|(name, _)| Path::new(name) == path);
-    match built_in {
+    match BUILT_IN.iter().find(|(name, _)| Path::new(name) == path) {
         Some((_, bytes)) => parse_weights(bytes, path),
-        None => read_weights(path),
+        None if path.exists() => read_weights(path),
+        None => {
+            let names: Vec<_> = built_in_weights().collect();
+            let remedy = format!("give a file or one of the built-in {}", names.join(", "));
+            Err(Error::file(path, "weights", "there is no such file", remedy))
+        }
     }
 }
 
@@ -367,6 +371,9 @@ mod tests {
         let bare = safetensors::serialize(Vec::<(String, TensorView<'_>)>::new(), None).unwrap();
         let error = parse_weights(&bare, Path::new("w")).unwrap_err().to_string();
         assert!(error.contains("there is no \"deepct\" in the header"), "{error}");
-        assert!(matches!(load_weights("no-such-file"), Err(Error::Io { .. })));
+        assert!(matches!(read_weights("no-such-file"), Err(Error::Io { .. })));
+        let error = load_weights("no-such-file").unwrap_err().to_string();
+        assert!(error.starts_with("no-such-file: weights: there is no such file"), "{error}");
+        assert!(built_in_weights().all(|name| error.contains(name)));
     }
 }

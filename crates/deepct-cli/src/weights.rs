@@ -1,0 +1,96 @@
+//! `deepct weights`: what weights are for.
+
+use crate::Outcome;
+use deepct_core::Result;
+use deepct_core::io::load_weights;
+use deepct_core::network::{WeightsMetadata, receptive_field};
+use std::path::PathBuf;
+
+/// Look into weights of the network
+#[derive(Debug, clap::Args)]
+pub(crate) struct Args {
+    #[command(subcommand)]
+    action: Action,
+}
+
+#[derive(Debug, clap::Subcommand)]
+enum Action {
+    /// Print what weights are for, their layers and the scores they reached
+    Inspect {
+        /// Weights: a file, or the name of built-in ones (cloudct-10, pearls-32)
+        #[arg(value_name = "FILE|NAME")]
+        weights: PathBuf,
+        /// Print one JSON object
+        #[arg(long)]
+        json: bool,
+    },
+}
+
+/// The metadata and what follows from them.
+#[derive(Debug, serde::Serialize)]
+struct Report<'a> {
+    layers: usize,
+    parameters: usize,
+    receptive_field: usize,
+    #[serde(flatten)]
+    metadata: &'a WeightsMetadata,
+}
+
+pub(crate) fn run(args: &Args) -> Result<Outcome> {
+    let Action::Inspect { weights, json } = &args.action;
+    let weights = load_weights(weights)?;
+    let architecture = &weights.metadata.architecture;
+    let report = Report {
+        layers: architecture.layers(),
+        parameters: architecture.parameters(),
+        receptive_field: receptive_field(architecture.layers()),
+        metadata: &weights.metadata,
+    };
+    if *json {
+        println!("{}", serde_json::to_string_pretty(&report).expect("plain numbers and text"));
+    } else {
+        print_report(&report);
+    }
+    Ok(Outcome::Success)
+}
+
+fn print_report(report: &Report<'_>) {
+    let WeightsMetadata { formation, view_geometry, levels, training, .. } = report.metadata;
+    let metadata = report.metadata;
+    let degrees = |angles: &[f64]| {
+        angles.iter().map(|angle| format!("{angle:.1}")).collect::<Vec<_>>().join(" ")
+    };
+    let (zenith, azimuth) = (view_geometry.sun_zenith_deg, view_geometry.sun_azimuth_deg);
+    let [dx, dy] = metadata.horizontal_spacing_km;
+    let top = levels.bottom_km + levels.count as f64 * levels.spacing_km;
+    println!("formation        {formation}, {} views", view_geometry.view_zenith_deg.len());
+    println!("view zenith      {} degrees", degrees(&view_geometry.view_zenith_deg));
+    println!("view azimuth     {} degrees", degrees(&view_geometry.view_azimuth_deg));
+    println!("Sun              zenith {zenith} degrees, azimuth {azimuth} degrees");
+    println!(
+        "target           {} km high, at {} um",
+        metadata.target_altitude_km, metadata.wavelength_um
+    );
+    println!("voxels           {dx} x {dy} x {} km", levels.spacing_km);
+    println!("levels           {} from {} to {top} km", levels.count, levels.bottom_km);
+    println!("layers           {}, {} parameters", report.layers, report.parameters);
+    println!("channels         {}", runs(&metadata.architecture.channels));
+    println!("receptive field  {0} x {0} pixels", report.receptive_field);
+    println!("input            radiance (sr-1) x {}", metadata.input_scale);
+    println!("output           extinction (km-1) / {}", metadata.output_scale);
+    println!("trained on       {}, {} samples", training.data, training.samples);
+    println!("data identity    {}", training.identity);
+    println!("written by       {}", metadata.program);
+    for (name, score) in &metadata.scores {
+        println!("{name:15}  {score:.4}");
+    }
+}
+
+/// The numbers with repetitions told once, such as `10 12 14 (3 times)`.
+fn runs(numbers: &[usize]) -> String {
+    let runs = numbers.chunk_by(|a, b| a == b).map(|run| match run.len() {
+        1 => run[0].to_string(),
+        times => format!("{} ({times} times)", run[0]),
+    });
+    runs.collect::<Vec<_>>().join(" ")
+}

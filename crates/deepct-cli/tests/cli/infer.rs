@@ -1,0 +1,174 @@
+use crate::program::Program;
+use deepct_core::grid::{Grid, Mask};
+use deepct_core::image::ViewStack;
+use deepct_core::io::{Provenance, read_volume, write_mask, write_observation, write_weights};
+use deepct_core::math::DVec3;
+use deepct_core::network::{
+    Architecture, FORMAT_VERSION, ImageLayout, LayerWeights, Levels, Network, Training, Weights,
+    WeightsMetadata,
+};
+use deepct_core::scene::{Formation, Observation, Sun};
+use ndarray::{Array1, Array3, Array4};
+use std::collections::BTreeMap;
+
+const TARGET: DVec3 = DVec3::new(0.4, 0.3, 1.0);
+
+fn provenance() -> Provenance {
+    Provenance { title: "A test".into(), configuration: String::new(), seed: 0 }
+}
+
+/// Images of a bright square in every view.
+fn observation() -> Observation {
+    let views = Formation::cloudct_10().views(TARGET, [9, 12]).unwrap();
+    let radiance = Array3::from_shape_fn((10, 9, 12), |(view, row, col)| {
+        let bright = (3..6).contains(&row) && (4..8).contains(&col);
+        if bright { 0.2 + 0.001 * view as f32 } else { 0.01 }
+    });
+    Observation::new(Sun::default(), views, ViewStack::new(radiance).unwrap()).unwrap()
+}
+
+/// Weights for those images: two layers, six levels around the target.
+fn weights(observation: &Observation) -> Weights {
+    let architecture = Architecture { channels: vec![10, 8, 6], last_relu: true };
+    let layers = architecture.layer_channels().map(|(input, output)| LayerWeights {
+        weight: Array4::from_shape_fn((output, input, 3, 3), |(o, i, y, x)| {
+            ((7 * o + 5 * i + 3 * y + x) % 13) as f32 / 60.0 - 0.05
+        }),
+        bias: Array1::from_elem(output, 0.1),
+    });
+    let layers = layers.collect();
+    let metadata = WeightsMetadata {
+        format_version: FORMAT_VERSION,
+        formation: "cloudct-10".into(),
+        architecture,
+        view_geometry: observation.geometry(),
+        target_altitude_km: TARGET.z,
+        wavelength_um: observation.wavelength,
+        image_layout: ImageLayout::Camera,
+        horizontal_spacing_km: [0.05, 0.05],
+        levels: Levels { bottom_km: 0.88, count: 6, spacing_km: 0.04 },
+        input_scale: 5.0,
+        output_scale: 20.0,
+        training: Training {
+            data: "squares".into(),
+            identity: "c0ffee".into(),
+            samples: 12,
+            seed: 1,
+        },
+        scores: BTreeMap::from([("epsilon".into(), 0.25)]),
+        program: "a test".into(),
+        configuration: serde_json::Value::Null,
+    };
+    Weights::new(metadata, layers).unwrap()
+}
+
+/// The images and the weights as files.
+fn files(program: &Program) -> (Observation, Weights) {
+    let observation = observation();
+    let weights = weights(&observation);
+    write_observation(program.path("N.nc"), &observation, &provenance()).unwrap();
+    write_weights(program.path("W.safetensors"), &weights).unwrap();
+    (observation, weights)
+}
+
+#[test]
+fn the_answer_is_that_of_the_library() {
+    let program = Program::new();
+    let (observation, weights) = files(&program);
+    program.succeed("infer N.nc --weights W.safetensors --out V.nc");
+    let volume = read_volume(program.path("V.nc")).unwrap();
+    let network = Network::new(&weights).unwrap();
+    let expected = network.infer(&observation.images, [TARGET.x, TARGET.y]).unwrap();
+    assert!(volume.grid.matches(&expected.grid));
+    assert_eq!(volume.values, expected.values);
+    assert!(volume.values.iter().any(|value| *value > 0.0));
+    assert!((volume.grid.center() - TARGET).length() < 1e-9);
+}
+
+#[test]
+fn a_mask_clears_what_is_outside() {
+    let program = Program::new();
+    let (observation, weights) = files(&program);
+    let network = Network::new(&weights).unwrap();
+    let whole = network.infer(&observation.images, [TARGET.x, TARGET.y]).unwrap();
+    let inside = Array3::from_shape_fn(whole.grid.shape, |(k, j, i)| (k + j + i) % 2 == 0);
+    let mask = Mask::new(whole.grid, inside).unwrap();
+    write_mask(program.path("M.nc"), &mask, &provenance()).unwrap();
+    program.succeed("infer N.nc --weights W.safetensors --mask M.nc --out masked.nc");
+    let masked = read_volume(program.path("masked.nc")).unwrap();
+    for ((voxel, masked), whole) in masked.values.indexed_iter().zip(&whole.values) {
+        assert_eq!(*masked, if mask.values[voxel] { *whole } else { 0.0 });
+    }
+
+    program.succeed("infer N.nc --weights W.safetensors --carve --out carved.nc");
+    program.succeed("carve N.nc --grid carved.nc --out C.nc");
+    program.succeed("infer N.nc --weights W.safetensors --mask C.nc --out same.nc");
+    let [carved, same] = ["carved.nc", "same.nc"].map(|n| read_volume(program.path(n)).unwrap());
+    assert_eq!(carved.values, same.values);
+    assert!(carved.values != whole.values && carved.values.iter().any(|value| *value > 0.0));
+
+    let elsewhere = Grid { origin: whole.grid.origin + DVec3::X, ..whole.grid };
+    let mask = Mask::new(elsewhere, mask.values).unwrap();
+    write_mask(program.path("far.nc"), &mask, &provenance()).unwrap();
+    let line = "infer N.nc --weights W.safetensors --mask far.nc --out V.nc";
+    program.refuse(line, &["far.nc", "grid of the mask"]);
+    let line = "infer N.nc --weights W.safetensors --mask C.nc --carve --out V.nc";
+    assert_eq!(program.run(line).code, 2);
+}
+
+#[test]
+fn images_that_do_not_match_the_weights_are_refused() {
+    let program = Program::new();
+    let (_, weights) = files(&program);
+    let mut changed = weights.clone();
+    changed.metadata.view_geometry.sun_zenith_deg = 40.0;
+    write_weights(program.path("sun.safetensors"), &changed).unwrap();
+    program.refuse(
+        "infer N.nc --weights sun.safetensors --out V.nc",
+        &["N.nc", "solar zenith", "40.00", "30.00", "cloudct-10"],
+    );
+    let mut changed = weights;
+    changed.metadata.view_geometry.view_zenith_deg[3] = 20.0;
+    write_weights(program.path("view.safetensors"), &changed).unwrap();
+    program.refuse(
+        "infer N.nc --weights view.safetensors --out V.nc",
+        &["N.nc", "view 3: zenith", "20.00", "18.00"],
+    );
+}
+
+#[test]
+fn weights_that_cannot_be_used_are_refused() {
+    let program = Program::new();
+    files(&program);
+    let whole = std::fs::read(program.path("W.safetensors")).unwrap();
+    std::fs::write(program.path("cut.safetensors"), &whole[..whole.len() - 4]).unwrap();
+    // The name of a layer changed in place: one is missing.
+    let name = whole.windows(13).position(|at| at == b"layers.1.bias").unwrap();
+    let mut renamed = whole;
+    renamed[name + 7] = b'7';
+    std::fs::write(program.path("renamed.safetensors"), renamed).unwrap();
+    for (weights, words) in [
+        ("cut.safetensors", ["cut.safetensors", "damaged"]),
+        ("renamed.safetensors", ["layers.1.bias", "missing"]),
+        ("N.nc", ["N.nc", "not safetensors"]),
+        ("none", ["none", "no such file"]),
+    ] {
+        program.refuse(&format!("infer N.nc --weights {weights} --out V.nc"), &words);
+        program.refuse(&format!("weights inspect {weights}"), &words);
+    }
+}
+
+#[test]
+fn inspection_tells_what_weights_are_for() {
+    let program = Program::new();
+    files(&program);
+    let text = program.succeed("weights inspect W.safetensors");
+    for words in ["cloudct-10, 10 views", "2, 1166 parameters", "10 8 6", "epsilon          0.25"] {
+        assert!(text.contains(words), "no \"{words}\" in: {text}");
+    }
+    let json = program.succeed("weights inspect W.safetensors --json");
+    let report: serde_json::Value = serde_json::from_str(&json).unwrap();
+    assert_eq!(report["receptive_field"], 5);
+    assert_eq!(report["levels"]["count"], 6);
+    assert_eq!(report["view_geometry"]["view_zenith_deg"].as_array().unwrap().len(), 10);
+}
