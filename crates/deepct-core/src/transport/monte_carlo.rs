@@ -8,7 +8,7 @@ use super::path::Tracer;
 use crate::error::{Error, Result};
 use crate::image::ViewStack;
 use crate::math::Ray;
-use crate::rng::{Purpose, RngExt, Stream, stream};
+use crate::rng::{Purpose, RngExt, stream};
 use crate::scene::{Scene, View};
 use ndarray::Array3;
 use rayon::prelude::*;
@@ -21,8 +21,8 @@ pub struct MonteCarloSettings {
     /// Seed of all random numbers.
     pub seed: u64,
     /// After this many scatterings a path goes on in a similar medium, thinner and
-    /// without a forward peak (van de Hulst 1980): faster and less noisy, but biased.
-    /// `None`, the default, is unbiased.
+    /// without the forward peak: faster and far less noisy, but biased by a few parts
+    /// in a thousand. `None`, the default, is unbiased; 1 is recommended otherwise.
     pub similarity_after: Option<u32>,
 }
 
@@ -62,7 +62,7 @@ pub(super) fn render(
     progress: &(dyn Fn(u64) + Sync),
 ) -> Result<Rendering> {
     settings.check()?;
-    let tracer = Tracer::new(scene, settings.similarity_after);
+    let tracer = Tracer::new(scene, settings.similarity_after)?;
     let (rows, cols) = (views[0].rows, views[0].cols);
     let shape = (views.len(), rows, cols);
     let mut images = vec![0.0_f32; views.len() * rows * cols];
@@ -73,9 +73,8 @@ pub(super) fn render(
             for col in 0..cols {
                 let key = [view as u64, (row * cols + col) as u64];
                 let mut rng = stream(settings.seed, Purpose::Transport, &key);
-                let area = Area::new(settings.samples_per_pixel);
-                let radiance = average(settings, scene, |sample| {
-                    let [up, right] = area.point(sample, &mut rng);
+                let radiance = average(settings, scene, || {
+                    let [up, right] = [rng.random::<f64>(), rng.random::<f64>()];
                     let ray = views[view].ray(row as f64 + up, col as f64 + right);
                     tracer.radiance(&ray, &mut rng)
                 });
@@ -96,10 +95,10 @@ pub(super) fn radiances(
     settings: &MonteCarloSettings,
 ) -> Result<Vec<Radiance>> {
     settings.check()?;
-    let tracer = Tracer::new(scene, settings.similarity_after);
+    let tracer = Tracer::new(scene, settings.similarity_after)?;
     let radiance = |(number, ray): (usize, &Ray)| {
         let mut rng = stream(settings.seed, Purpose::Transport, &[number as u64]);
-        average(settings, scene, |_| tracer.radiance(ray, &mut rng))
+        average(settings, scene, || tracer.radiance(ray, &mut rng))
     };
     Ok(rays.par_iter().enumerate().map(radiance).collect())
 }
@@ -108,11 +107,11 @@ pub(super) fn radiances(
 fn average(
     settings: &MonteCarloSettings,
     scene: &Scene,
-    mut sample: impl FnMut(u32) -> f64,
+    mut sample: impl FnMut() -> f64,
 ) -> Radiance {
     let (mut sum, mut squares) = (0.0, 0.0);
-    for number in 0..settings.samples_per_pixel {
-        let value = sample(number);
+    for _ in 0..settings.samples_per_pixel {
+        let value = sample();
         sum += value;
         squares += value * value;
     }
@@ -121,31 +120,4 @@ fn average(
     let variance = (squares / count - mean * mean).max(0.0) / (count - 1.0);
     let irradiance = scene.sun.irradiance;
     Radiance { mean: irradiance * mean, standard_error: irradiance * variance.sqrt() }
-}
-
-/// The area of a pixel in strata: a square of them, each hit equally often, and
-/// anywhere in the pixel for the samples that are left over.
-struct Area {
-    side: u32,
-    strata: u32,
-    whole: u32,
-}
-
-impl Area {
-    fn new(samples: u32) -> Self {
-        let side = samples.isqrt();
-        let strata = side * side;
-        Self { side, strata, whole: samples / strata * strata }
-    }
-
-    /// The point of one sample in the unit square.
-    fn point(&self, sample: u32, rng: &mut Stream) -> [f64; 2] {
-        let jitter = [rng.random::<f64>(), rng.random::<f64>()];
-        if sample >= self.whole {
-            return jitter;
-        }
-        let stratum = sample % self.strata;
-        let cell = [stratum / self.side, stratum % self.side];
-        std::array::from_fn(|axis| (f64::from(cell[axis]) + jitter[axis]) / f64::from(self.side))
-    }
 }

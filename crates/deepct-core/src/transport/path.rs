@@ -1,16 +1,19 @@
 //! One light path, from the camera backwards to the Sun.
 
 use super::field::{Field, Heading};
+use crate::error::Result;
 use crate::math::{DVec3, Ray};
-use crate::optics::PhaseFunction;
+use crate::optics::{Medium, PhaseFunction};
 use crate::rng::{RngExt, Stream};
 use crate::scene::Scene;
 use std::f64::consts::PI;
 
 /// Paths of less throughput than this live on by chance.
-const ROULETTE: f64 = 0.1;
+const ROULETTE: f64 = 0.3;
 /// Sunlight that adds less than this (1/sr) at one scattering is added by chance.
-const FAINT: f64 = 0.002;
+const FAINT: f64 = 0.01;
+/// Share of the new directions that are drawn around the Sun where it is not hidden.
+const TOWARDS_SUN: f64 = 0.2;
 
 /// Everything that a path needs to know of the scene.
 #[derive(Debug)]
@@ -21,7 +24,8 @@ pub(super) struct Tracer {
     ground: f64,
     reflectance: f64,
     /// How light scatters at first, and after `similarity_after` scatterings.
-    regimes: [Scattering; 2],
+    full: Scattering,
+    similar: Scattering,
     similarity_after: u32,
 }
 
@@ -34,31 +38,52 @@ struct Scattering {
     phase_function: PhaseFunction,
 }
 
+impl Scattering {
+    fn of(medium: &Medium) -> Self {
+        Self {
+            extinction: 1.0,
+            single_scattering_albedo: medium.single_scattering_albedo,
+            phase_function: medium.phase_function.clone(),
+        }
+    }
+
+    /// Scattering in a similar medium (van de Hulst 1980, section 14.1): the share
+    /// `g^2` of the light, which is in the forward peak, is not scattered at all; the
+    /// rest follows a Henyey-Greenstein function of asymmetry `g / (1 + g)`, which
+    /// keeps the first two moments (Joseph, Wiscombe and Weinman 1976).
+    fn without_peak(&self) -> Result<Self> {
+        let asymmetry = self.phase_function.asymmetry().max(0.0);
+        let peak = asymmetry * asymmetry;
+        let extinction = 1.0 - self.single_scattering_albedo * peak;
+        let phase_function = if peak > 0.0 {
+            PhaseFunction::henyey_greenstein(asymmetry / (1.0 + asymmetry))?
+        } else {
+            self.phase_function.clone()
+        };
+        let single_scattering_albedo = self.single_scattering_albedo * (1.0 - peak) / extinction;
+        Ok(Self { extinction, single_scattering_albedo, phase_function })
+    }
+}
+
 impl Tracer {
     /// Make a scene ready.
-    pub(super) fn new(scene: &Scene, similarity_after: Option<u32>) -> Self {
+    pub(super) fn new(scene: &Scene, similarity_after: Option<u32>) -> Result<Self> {
         let field = Field::new(&scene.medium, scene.boundary);
-        let sun = field.heading(scene.sun.towards());
-        let ground = field.local(DVec3::new(0.0, 0.0, scene.surface.altitude)).z;
-        let albedo = scene.medium.single_scattering_albedo;
-        let phase_function = scene.medium.phase_function.clone();
-        // van de Hulst (1980), section 14.1: what is scattered into the mean forward
-        // direction is not scattered at all, what is absorbed stays.
-        let kept = 1.0 - albedo * phase_function.asymmetry();
-        let similar = Scattering {
-            extinction: kept,
-            single_scattering_albedo: 1.0 - (1.0 - albedo) / kept,
-            phase_function: PhaseFunction::Isotropic,
-        };
-        let full = Scattering { extinction: 1.0, single_scattering_albedo: albedo, phase_function };
-        Self {
-            field,
-            sun,
-            ground,
+        let full = Scattering::of(&scene.medium);
+        Ok(Self {
+            sun: field.heading(scene.sun.towards()),
+            ground: field.local(DVec3::new(0.0, 0.0, scene.surface.altitude)).z,
             reflectance: scene.surface.albedo / PI,
-            regimes: [full, similar],
+            similar: full.without_peak()?,
+            full,
             similarity_after: similarity_after.unwrap_or(u32::MAX),
-        }
+            field,
+        })
+    }
+
+    #[inline]
+    fn scattering(&self, scatterings: u32) -> &Scattering {
+        if scatterings < self.similarity_after { &self.full } else { &self.similar }
     }
 
     /// One sample of the radiance (1/sr, per unit irradiance) that comes along a ray.
@@ -68,11 +93,12 @@ impl Tracer {
     pub(super) fn radiance(&self, ray: &Ray, rng: &mut Stream) -> f64 {
         let origin = self.field.local(ray.origin);
         let heading = self.field.heading(ray.direction);
-        let depth = self.field.optical_depth(origin, &heading, f64::INFINITY);
+        let extinction = self.scattering(0).extinction;
+        let depth = extinction * self.field.optical_depth(origin, &heading, f64::INFINITY);
         let scattered = -(-depth).exp_m1();
         let mut radiance = 0.0;
         if depth > 0.0 {
-            let reach = -(-rng.random::<f64>() * scattered).ln_1p();
+            let reach = -(-rng.random::<f64>() * scattered).ln_1p() / extinction;
             if let Some(distance) = self.field.free_path(origin, &heading, reach) {
                 let at = origin + distance * heading.local;
                 radiance += self.collide(at, ray.direction, scattered, rng);
@@ -97,20 +123,23 @@ impl Tracer {
         let mut scatterings = 0;
         loop {
             // Scatter: light of the Sun, then of all other directions.
-            let regime = &self.regimes[usize::from(scatterings >= self.similarity_after)];
-            throughput *= regime.single_scattering_albedo;
-            let toward_sun = regime.phase_function.density(direction.dot(self.sun.direction));
-            radiance += self.sunlight(at, throughput * toward_sun, regime.extinction, rng);
+            let scattering = self.scattering(scatterings);
+            let phase = &scattering.phase_function;
+            throughput *= scattering.single_scattering_albedo;
+            let weight = throughput * phase.density(direction.dot(self.sun.direction));
+            let sunlight = self.sunlight(at, weight, scattering.extinction, rng);
+            radiance += sunlight;
             if !survives(&mut throughput, rng) {
                 return radiance;
             }
-            direction = turn(direction, regime.phase_function.sample(rng.random()), rng);
+            let visible = (sunlight / weight).min(1.0);
+            direction = self.redirect(direction, visible, phase, &mut throughput, rng);
             scatterings += 1;
 
             // Fly to the next collision, or out.
-            let regime = &self.regimes[usize::from(scatterings >= self.similarity_after)];
+            let extinction = self.scattering(scatterings).extinction;
             let heading = self.field.heading(direction);
-            let depth = -(1.0 - rng.random::<f64>()).ln() / regime.extinction;
+            let depth = -(1.0 - rng.random::<f64>()).ln() / extinction;
             match self.field.free_path(at, &heading, depth) {
                 Some(distance) => at += distance * heading.local,
                 None => {
@@ -121,6 +150,32 @@ impl Tracer {
                 }
             }
         }
+    }
+
+    /// A new direction after scattering. Where the Sun is visible, some are drawn
+    /// around it: the next scattering may send much sunlight down the path, which
+    /// makes spikes if it is left to chance (Buras and Mayer 2011). The throughput
+    /// makes up for it.
+    #[inline]
+    fn redirect(
+        &self,
+        direction: DVec3,
+        visible: f64,
+        phase: &PhaseFunction,
+        throughput: &mut f64,
+        rng: &mut Stream,
+    ) -> DVec3 {
+        let cosine = phase.sample(rng.random());
+        let share = TOWARDS_SUN * visible;
+        if share == 0.0 || *phase == PhaseFunction::Isotropic {
+            return turn(direction, cosine, rng);
+        }
+        let around = if rng.random::<f64>() < share { self.sun.direction } else { direction };
+        let turned = turn(around, cosine, rng);
+        let wanted = phase.density(turned.dot(direction));
+        let towards_sun = phase.density(turned.dot(self.sun.direction));
+        *throughput *= wanted / (wanted + share * (towards_sun - wanted));
+        turned
     }
 
     /// Light that the surface reflects at `at`: sunlight, then all other light.
