@@ -20,7 +20,7 @@ const TABLE: [(&str, &[&str]); 19] = [
     ("scene", &["grid", "image", "optics"]),
     ("transport", &["grid", "image", "optics", "rng", "scene", "traverse"]),
     ("sensor", &["image", "rng"]),
-    ("carve", &["grid", "image", "scene", "traverse"]),
+    ("carve", &["grid", "image", "scene"]),
     ("network", &["conv", "grid", "image"]),
     ("io", &["cloud", "grid", "image", "network", "scene"]),
     ("plot", &["grid", "image", "metrics"]),
