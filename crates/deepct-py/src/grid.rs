@@ -30,7 +30,10 @@ pub(crate) struct Grid(pub(crate) grid::Grid);
 #[pymethods]
 impl Grid {
     #[new]
-    #[pyo3(signature = (shape, spacing, origin = (0.0, 0.0, 0.0)))]
+    #[pyo3(
+        signature = (shape, spacing, origin = (0.0, 0.0, 0.0)),
+        text_signature = "(shape, spacing, origin=(0.0, 0.0, 0.0))",
+    )]
     fn new(shape: [usize; 3], spacing: (f64, f64, f64), origin: (f64, f64, f64)) -> PyResult<Self> {
         grid::Grid::new(origin.into(), spacing.into(), shape).map(Self).map_err(raise)
     }

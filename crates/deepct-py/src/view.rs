@@ -7,6 +7,7 @@ use numpy::ndarray::Array1;
 use numpy::{IntoPyArray, PyArray1};
 use pyo3::exceptions::{PyIndexError, PyTypeError};
 use pyo3::prelude::*;
+use pyo3::types::{PyIterator, PyTuple};
 
 type Point = (f64, f64, f64);
 
@@ -265,6 +266,11 @@ impl Views {
 
     fn __len__(&self) -> usize {
         self.0.len()
+    }
+
+    fn __iter__<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyIterator>> {
+        let views = self.0.iter().map(|view| View(*view));
+        PyTuple::new(py, views.collect::<Vec<_>>())?.try_iter()
     }
 
     fn __getitem__(&self, index: isize) -> PyResult<View> {
