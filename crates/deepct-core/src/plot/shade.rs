@@ -1,0 +1,228 @@
+//! A solid picture of a volume: seen from the south-south-west and from above, along
+//! parallel rays through a coloured fog whose density follows the extinction.
+
+use super::page::{Area, Drawn, Frame, TICK, letters};
+use super::panel::ColourScale;
+use crate::grid::{Grid, Volume};
+use crate::math::{DVec3, towards};
+use plotters::prelude::*;
+use plotters::style::text_anchor::{HPos, VPos};
+use rayon::prelude::*;
+
+/// Angle of the viewer from +z (radians).
+const ZENITH: f64 = 1.13;
+/// Azimuth of the viewer, clockwise from north (radians): south-south-west.
+const AZIMUTH: f64 = 3.54;
+/// Optical depth of the fog across the grid's diagonal, were it filled with the
+/// extinction at the top of the colour scale.
+const FOG_DEPTH: f64 = 40.0;
+/// Steps of a ray along the shortest side of a voxel.
+const STEPS_PER_VOXEL: f64 = 2.0;
+/// Share of a surface's brightness that does not depend on its slope.
+const AMBIENT: f64 = 0.6;
+
+/// Where the viewer stands, and how points become pixels.
+struct Viewpoint {
+    towards: DVec3,
+    right: DVec3,
+    up: DVec3,
+    center: DVec3,
+    middle: (f64, f64),
+    pixels_per_km: f64,
+}
+
+impl Viewpoint {
+    /// The whole grid in the frame, from whatever side.
+    fn new(grid: &Grid, frame: Frame) -> Self {
+        let towards = towards(ZENITH, AZIMUTH);
+        let right = DVec3::Z.cross(towards).normalize();
+        let up = towards.cross(right);
+        let half = 0.5 * grid.extent();
+        let reach = |axis: DVec3| 2.0 * half.dot(axis.abs());
+        let pixels_per_km =
+            (f64::from(frame.width) / reach(right)).min(f64::from(frame.height - 20) / reach(up));
+        let middle = (f64::from(frame.middle()), f64::from(frame.top + frame.height / 2));
+        Self { towards, right, up, center: grid.center(), middle, pixels_per_km }
+    }
+
+    fn pixel(&self, point: DVec3) -> (i32, i32) {
+        let offset = self.pixels_per_km * (point - self.center);
+        let (x, y) = (self.middle.0 + offset.dot(self.right), self.middle.1 - offset.dot(self.up));
+        (x.round() as i32, y.round() as i32)
+    }
+
+    /// The point that a pixel shows in the plane through the grid's centre.
+    fn point(&self, x: i32, y: i32) -> DVec3 {
+        let right = (f64::from(x) + 0.5 - self.middle.0) / self.pixels_per_km;
+        let up = (self.middle.1 - f64::from(y) - 0.5) / self.pixels_per_km;
+        self.center + right * self.right + up * self.up
+    }
+}
+
+/// Draw the picture into `frame`: the far sides of the grid, then the fog.
+pub(super) fn draw_solid(
+    page: &Area<'_>,
+    frame: Frame,
+    volume: &Volume,
+    scale: ColourScale,
+) -> Drawn {
+    let viewpoint = Viewpoint::new(&volume.grid, frame);
+    draw_far_edges(page, &volume.grid, &viewpoint)?;
+    let lines: Vec<Vec<Seen>> = (0..frame.height)
+        .into_par_iter()
+        .map(|y| {
+            let shown = |x| {
+                march(volume, viewpoint.point(frame.left + x, frame.top + y), &viewpoint, scale)
+            };
+            (0..frame.width).map(shown).collect()
+        })
+        .collect();
+    for (y, line) in lines.into_iter().enumerate() {
+        for (x, seen) in line.into_iter().enumerate().filter(|(_, seen)| seen.opacity > 0.0) {
+            // The colour was gathered with its opacity: take that out again, as the
+            // page mixes it with what is behind.
+            let [red, green, blue] =
+                seen.colour.map(|channel| (channel / seen.opacity).round().clamp(0.0, 255.0) as u8);
+            let colour = RGBColor(red, green, blue).mix(seen.opacity);
+            page.draw_pixel((frame.left + x as i32, frame.top + y as i32), &colour)?;
+        }
+    }
+    Ok(())
+}
+
+/// What a ray has gathered.
+#[derive(Clone, Copy, Default)]
+struct Seen {
+    colour: [f64; 3],
+    opacity: f64,
+}
+
+/// Gather colour and opacity along the line of sight through `point`.
+fn march(volume: &Volume, point: DVec3, viewpoint: &Viewpoint, scale: ColourScale) -> Seen {
+    let grid = &volume.grid;
+    let diagonal = grid.extent().length();
+    let step = grid.spacing.min_element() / STEPS_PER_VOXEL;
+    let fog = FOG_DEPTH / (scale.high * diagonal);
+    let mut seen = Seen::default();
+    for number in 0..(diagonal / step) as usize {
+        let at = point + (0.5 * diagonal - step * number as f64) * viewpoint.towards;
+        let extinction = trilinear(volume, at);
+        if extinction <= 0.0 {
+            continue;
+        }
+        let opacity = (1.0 - seen.opacity) * -(-fog * extinction * step).exp_m1();
+        let RGBColor(red, green, blue) = scale.colour(extinction);
+        let light = opacity * brightness(volume, at, viewpoint);
+        for (sum, channel) in seen.colour.iter_mut().zip([red, green, blue]) {
+            *sum += light * f64::from(channel);
+        }
+        seen.opacity += opacity;
+        if seen.opacity > 0.995 {
+            break;
+        }
+    }
+    seen
+}
+
+/// How bright a surface of equal extinction is, lit from above and left of the viewer.
+fn brightness(volume: &Volume, at: DVec3, viewpoint: &Viewpoint) -> f64 {
+    let spacing = volume.grid.spacing;
+    let slope = |axis: DVec3| {
+        trilinear(volume, at + axis * spacing) - trilinear(volume, at - axis * spacing)
+    };
+    let gradient = DVec3::new(slope(DVec3::X), slope(DVec3::Y), slope(DVec3::Z)) / spacing;
+    let light = (viewpoint.towards + viewpoint.up - 0.7 * viewpoint.right).normalize();
+    AMBIENT + (1.0 - AMBIENT) * (-gradient.normalize_or_zero().dot(light)).max(0.0)
+}
+
+/// The value between voxel centres; zero outside the grid.
+fn trilinear(volume: &Volume, point: DVec3) -> f64 {
+    let at = (point - volume.grid.origin) / volume.grid.spacing - 0.5;
+    let low = at.floor();
+    let part = at - low;
+    let [nz, ny, nx] = volume.grid.shape.map(|n| n as i64);
+    let (i, j, k) = (low.x as i64, low.y as i64, low.z as i64);
+    if i < -1 || j < -1 || k < -1 || i >= nx || j >= ny || k >= nz {
+        return 0.0;
+    }
+    let mut sum = 0.0;
+    for corner in 0..8 {
+        let (a, b, c) = (corner & 1, corner >> 1 & 1, corner >> 2);
+        let (i, j, k) = (i + a, j + b, k + c);
+        if (0..nx).contains(&i) && (0..ny).contains(&j) && (0..nz).contains(&k) {
+            let weight = |upper: i64, part: f64| if upper == 1 { part } else { 1.0 - part };
+            let value = volume.values[[k as usize, j as usize, i as usize]];
+            sum += weight(a, part.x) * weight(b, part.y) * weight(c, part.z) * f64::from(value);
+        }
+    }
+    sum
+}
+
+/// Draw the edges of the grid but for the three that meet nearest to the viewer, and
+/// say where north and east are.
+fn draw_far_edges(page: &Area<'_>, grid: &Grid, viewpoint: &Viewpoint) -> Drawn {
+    let corner = |bits: usize| {
+        let side = DVec3::new((bits & 1) as f64, (bits >> 1 & 1) as f64, (bits >> 2) as f64);
+        grid.lower() + side * grid.extent()
+    };
+    let nearest = (0..8)
+        .max_by(|a, b| {
+            let depth = |bits: &usize| corner(*bits).dot(viewpoint.towards);
+            depth(a).total_cmp(&depth(b))
+        })
+        .unwrap_or(0);
+    let grey = RGBColor(150, 150, 150);
+    for from in 0..8_usize {
+        for to in [1, 2, 4].map(|bit| from | bit).into_iter().filter(|to| *to != from) {
+            if from != nearest && to != nearest {
+                let ends = [corner(from), corner(to)].map(|point| viewpoint.pixel(point));
+                page.draw(&PathElement::new(ends.to_vec(), grey))?;
+            }
+        }
+    }
+    // The middles of the two sides of the floor that face the viewer.
+    let floor = |x: f64, y: f64| grid.lower() + DVec3::new(x, y, 0.0) * grid.extent();
+    for (at, text, side) in [
+        (floor(0.5, 0.0), format!("x, {:.1} km east", grid.extent().x), HPos::Center),
+        (floor(0.0, 0.5), format!("y, {:.1} km north", grid.extent().y), HPos::Right),
+    ] {
+        let (x, y) = viewpoint.pixel(at);
+        page.draw_text(&text, &letters(TICK, side, VPos::Top), (x, y + 6))?;
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use ndarray::Array3;
+
+    #[test]
+    fn trilinear_values_are_exact_for_a_linear_field() {
+        let grid = Grid::new(DVec3::ZERO, DVec3::new(0.1, 0.2, 0.3), [4, 5, 6]).unwrap();
+        let field = |point: DVec3| 1.0 + 2.0 * point.x + 3.0 * point.y - 0.5 * point.z;
+        let values = Array3::from_shape_fn(grid.shape, |(k, j, i)| {
+            field(grid.voxel_center([k, j, i])) as f32
+        });
+        let volume = Volume::new(grid, values).unwrap();
+        for point in [DVec3::new(0.3, 0.5, 0.7), DVec3::new(0.11, 0.89, 0.99)] {
+            assert!((trilinear(&volume, point) - field(point)).abs() < 1e-6);
+        }
+        assert_eq!(trilinear(&volume, DVec3::new(-0.2, 0.5, 0.5)), 0.0);
+    }
+
+    #[test]
+    fn the_grid_fits_the_frame_and_east_is_right_of_west() {
+        let grid = Grid::new(DVec3::ZERO, DVec3::new(0.1, 0.1, 0.1), [4, 50, 60]).unwrap();
+        let frame = Frame { left: 20, top: 30, width: 300, height: 300 };
+        let viewpoint = Viewpoint::new(&grid, frame);
+        for bits in 0..8 {
+            let side = DVec3::new((bits & 1) as f64, (bits >> 1 & 1) as f64, (bits >> 2) as f64);
+            let (x, y) = viewpoint.pixel(grid.lower() + side * grid.extent());
+            assert!((19..=320).contains(&x) && (30..=330).contains(&y), "{x} {y}");
+        }
+        let (west, _) = viewpoint.pixel(grid.center() - DVec3::X);
+        let (east, _) = viewpoint.pixel(grid.center() + DVec3::X);
+        assert!(east > west);
+    }
+}

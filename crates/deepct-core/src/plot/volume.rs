@@ -1,0 +1,301 @@
+//! The figure of a volume: slices, projections, solid pictures and, where the truth is
+//! known, a scatter plot.
+
+use super::page::{Area, Drawn, Frame, LABEL, TITLE, draw_page, letters};
+use super::panel::{ColourScale, Panel, PanelAxis, draw_colour_bar};
+use super::scatter::draw_scatter;
+use super::shade::draw_solid;
+use crate::error::{Error, Result};
+use crate::grid::{Grid, Volume};
+use ndarray::{Array2, Axis};
+use plotters::style::text_anchor::{HPos, VPos};
+use std::path::Path;
+
+/// Left of a panel: its numbers and label (pixels).
+const LEFT: i32 = 84;
+/// Above a panel: its title.
+const ABOVE: i32 = 44;
+/// Below a panel: its numbers and label.
+const BELOW: i32 = 62;
+/// Right of the last panel: the colour bar with its numbers and label.
+const BAR: i32 = 130;
+/// The page's title.
+const HEAD: i32 = 70;
+/// Length of the longest horizontal side of the grid on the page.
+const LONGEST: f64 = 300.0;
+/// The least height of a vertical section: one of a flat field is stretched.
+const LEAST_HEIGHT: i32 = 90;
+
+/// Draw a volume as a PNG file: three slices through its greatest value, the optical
+/// depth along each axis and a solid picture. With the truth every picture of it is
+/// beside that of the estimate, in the same colours, and a scatter plot of the two.
+///
+/// # Errors
+/// Volumes on different grids, negative or non-finite values, a file that cannot be
+/// written.
+pub fn volume_figure(
+    path: impl AsRef<Path>,
+    estimate: &Volume,
+    truth: Option<&Volume>,
+    title: &str,
+) -> Result<()> {
+    let path = path.as_ref();
+    estimate.check_non_negative("extinction")?;
+    let mut rows = vec![Row { name: "estimate", volume: estimate }];
+    if let Some(truth) = truth {
+        check_pair(truth, estimate)?;
+        rows.insert(0, Row { name: "truth", volume: truth });
+    }
+    let figure = Figure::new(&rows);
+    draw_page(path, figure.size(), |page| figure.draw(page, title))
+}
+
+/// An error unless the two volumes can be shown side by side.
+pub(super) fn check_pair(truth: &Volume, estimate: &Volume) -> Result<()> {
+    truth.check_non_negative("true extinction")?;
+    estimate.check_non_negative("extinction")?;
+    if truth.grid.matches(&estimate.grid) {
+        return Ok(());
+    }
+    Err(Error::mismatch(
+        "grids of truth and estimate",
+        format!("{:?}", truth.grid),
+        format!("{:?}", estimate.grid),
+        "bring both to one grid before they are drawn",
+    ))
+}
+
+/// A volume and what it is.
+struct Row<'a> {
+    name: &'static str,
+    volume: &'a Volume,
+}
+
+/// The sections of a grid: horizontal, west to east and south to north.
+#[derive(Clone, Copy)]
+enum Section {
+    Map,
+    EastWest,
+    NorthSouth,
+}
+
+const SECTIONS: [Section; 3] = [Section::Map, Section::EastWest, Section::NorthSouth];
+
+impl Section {
+    /// The array axis that is cut through or summed along.
+    fn axis(self) -> Axis {
+        match self {
+            Self::Map => Axis(0),
+            Self::EastWest => Axis(1),
+            Self::NorthSouth => Axis(2),
+        }
+    }
+
+    /// The axes of the panel, to the right and up.
+    fn panel_axes(self, grid: &Grid) -> [PanelAxis; 2] {
+        let (lower, upper) = (grid.lower(), grid.upper());
+        let x = PanelAxis { label: "x, east (km)", range: lower.x..upper.x };
+        let y = PanelAxis { label: "y, north (km)", range: lower.y..upper.y };
+        let z = PanelAxis { label: "altitude (km)", range: lower.z..upper.z };
+        match self {
+            Self::Map => [x, y],
+            Self::EastWest => [x, z],
+            Self::NorthSouth => [y, z],
+        }
+    }
+}
+
+/// The figure laid out.
+struct Figure<'a> {
+    rows: &'a [Row<'a>],
+    grid: Grid,
+    /// The voxel `[k, j, i]` that the slices go through.
+    through: [usize; 3],
+    /// Size of each section's panel on the page.
+    sizes: [[i32; 2]; 3],
+}
+
+impl<'a> Figure<'a> {
+    fn new(rows: &'a [Row<'a>]) -> Self {
+        let grid = rows[0].volume.grid;
+        let extent = grid.extent();
+        let scale = LONGEST / extent.x.max(extent.y);
+        let pixels = |length: f64| ((length * scale).round() as i32).max(LEAST_HEIGHT);
+        let [x, y, z] = [extent.x, extent.y, extent.z].map(pixels);
+        Self { rows, grid, through: greatest(rows[0].volume), sizes: [[x, y], [x, z], [y, z]] }
+    }
+
+    /// Height of a row of sections with all that is around it.
+    fn row_height(&self) -> i32 {
+        ABOVE + self.sizes.iter().map(|size| size[1]).max().unwrap_or(0) + BELOW
+    }
+
+    /// Side of a solid picture and of the scatter plot: they share the page's width.
+    fn solid_side(&self) -> i32 {
+        (self.width() - BAR - 3 * LEFT) / 3
+    }
+
+    fn width(&self) -> i32 {
+        self.sizes.iter().map(|size| LEFT + size[0]).sum::<i32>() + BAR
+    }
+
+    fn size(&self) -> [i32; 2] {
+        let sections = 2 * self.rows.len() as i32 * self.row_height();
+        [self.width(), HEAD + sections + ABOVE + self.solid_side() + BELOW]
+    }
+
+    fn draw(&self, page: &Area<'_>, title: &str) -> Drawn {
+        let style = letters(TITLE, HPos::Center, VPos::Center);
+        page.draw_text(title, &style, (self.width() / 2, HEAD / 2))?;
+        let extinction = self.extinction_scale();
+        let mut top = HEAD;
+        for row in self.rows {
+            self.draw_slices(page, top, row, extinction)?;
+            top += self.row_height();
+        }
+        let depth = self.depth_scale();
+        for row in self.rows {
+            self.draw_depths(page, top, row, depth)?;
+            top += self.row_height();
+        }
+        self.draw_solids(page, top, extinction)
+    }
+
+    /// The colours of extinction: common to all volumes.
+    fn extinction_scale(&self) -> ColourScale {
+        let values = self.rows.iter().flat_map(|row| &row.volume.values);
+        ColourScale::new(colorous::VIRIDIS, f64::from(values.copied().fold(0.0, f32::max)))
+    }
+
+    fn draw_slices(&self, page: &Area<'_>, top: i32, row: &Row<'_>, scale: ColourScale) -> Drawn {
+        let [k, j, i] = self.through;
+        let center = self.grid.voxel_center(self.through);
+        let sections = [
+            (k, format!("z = {:.2} km", center.z)),
+            (j, format!("y = {:.2} km", center.y)),
+            (i, format!("x = {:.2} km", center.x)),
+        ];
+        let panels = std::array::from_fn(|number| {
+            let (index, at) = &sections[number];
+            let slice = row.volume.values.index_axis(SECTIONS[number].axis(), *index);
+            (slice.mapv(f64::from), format!("{}, {at}", row.name))
+        });
+        self.draw_sections(page, top, &panels, (scale, "extinction (km\u{207b}\u{b9})"))
+    }
+
+    fn draw_depths(&self, page: &Area<'_>, top: i32, row: &Row<'_>, scale: ColourScale) -> Drawn {
+        let along = ["vertical", "south to north", "west to east"];
+        let panels = std::array::from_fn(|number| {
+            let depth = optical_depth(row.volume, SECTIONS[number]);
+            (depth, format!("{}, {}", row.name, along[number]))
+        });
+        self.draw_sections(page, top, &panels, (scale, "optical depth"))
+    }
+
+    /// The colours of optical depth: common to all volumes and directions.
+    fn depth_scale(&self) -> ColourScale {
+        let depths = self.rows.iter().flat_map(|row| {
+            SECTIONS.map(|section| optical_depth(row.volume, section).fold(0.0, |a, &b| b.max(a)))
+        });
+        ColourScale::new(colorous::INFERNO, depths.fold(0.0, f64::max))
+    }
+
+    /// Draw the three sections side by side, standing on one line, and a colour bar.
+    fn draw_sections(
+        &self,
+        page: &Area<'_>,
+        top: i32,
+        panels: &[(Array2<f64>, String); 3],
+        (scale, label): (ColourScale, &str),
+    ) -> Drawn {
+        let bottom = top + self.row_height() - BELOW;
+        let mut left = 0;
+        for (number, (values, title)) in panels.iter().enumerate() {
+            let [width, height] = self.sizes[number];
+            left += LEFT;
+            let [right, up] = SECTIONS[number].panel_axes(&self.grid);
+            let panel = Panel { title: title.clone(), values: values.view(), right, up, scale };
+            panel.draw(page, Frame { left, top: bottom - height, width, height })?;
+            left += width;
+        }
+        let height = self.row_height() - ABOVE - BELOW;
+        draw_colour_bar(
+            page,
+            Frame { left: left + 24, top: bottom - height, width: 18, height },
+            scale,
+            label,
+        )
+    }
+
+    /// Draw the solid pictures and, where there are two volumes, the scatter plot.
+    fn draw_solids(&self, page: &Area<'_>, top: i32, scale: ColourScale) -> Drawn {
+        let side = self.solid_side();
+        let slot = |number: i32| Frame {
+            left: LEFT + number * (side + LEFT),
+            top: top + ABOVE,
+            width: side,
+            height: side,
+        };
+        for (number, row) in self.rows.iter().enumerate() {
+            draw_solid(page, slot(number as i32), row.volume, scale)?;
+            let style = letters(LABEL, HPos::Center, VPos::Bottom);
+            let frame = slot(number as i32);
+            page.draw_text(row.name, &style, (frame.middle(), frame.top - 8))?;
+        }
+        if let [truth, estimate] = self.rows {
+            draw_scatter(page, slot(2), truth.volume, estimate.volume)?;
+        }
+        Ok(())
+    }
+}
+
+/// The voxel of the greatest value, the first one of equals.
+fn greatest(volume: &Volume) -> [usize; 3] {
+    let mut best = ([0; 3], f32::NEG_INFINITY);
+    for ((k, j, i), &value) in volume.values.indexed_iter() {
+        if value > best.1 {
+            best = ([k, j, i], value);
+        }
+    }
+    best.0
+}
+
+/// The optical depth across the whole grid along the axis that a section leaves out.
+fn optical_depth(volume: &Volume, section: Section) -> Array2<f64> {
+    let spacing = volume.grid.spacing;
+    let step = match section {
+        Section::Map => spacing.z,
+        Section::EastWest => spacing.y,
+        Section::NorthSouth => spacing.x,
+    };
+    volume.values.map_axis(section.axis(), |line| {
+        line.iter().map(|&extinction| f64::from(extinction)).sum::<f64>() * step
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::DVec3;
+
+    fn volume() -> Volume {
+        let grid = Grid::new(DVec3::ZERO, DVec3::new(0.1, 0.2, 0.5), [2, 3, 4]).unwrap();
+        let mut volume = Volume::constant(grid, 0.0);
+        volume.values[[1, 2, 0]] = 7.0;
+        volume.values[[0, 2, 0]] = 1.0;
+        volume
+    }
+
+    #[test]
+    fn slices_go_through_the_greatest_value() {
+        assert_eq!(greatest(&volume()), [1, 2, 0]);
+    }
+
+    #[test]
+    fn optical_depth_is_extinction_times_length() {
+        let volume = volume();
+        assert!((optical_depth(&volume, Section::Map)[[2, 0]] - 4.0).abs() < 1e-12);
+        assert!((optical_depth(&volume, Section::EastWest)[[1, 0]] - 1.4).abs() < 1e-12);
+        assert!((optical_depth(&volume, Section::NorthSouth)[[0, 2]] - 0.1).abs() < 1e-12);
+    }
+}
