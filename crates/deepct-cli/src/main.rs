@@ -10,6 +10,7 @@ mod dataset;
 mod global;
 mod infer;
 mod man;
+mod plot;
 mod progress;
 mod score;
 mod sense;
@@ -37,6 +38,7 @@ enum Verb {
     Score(score::Args),
     Dataset(dataset::Args),
     Weights(weights::Args),
+    Plot(plot::Args),
     Config(config::Args),
     Completions(completions::Args),
     Man(man::Args),
@@ -60,6 +62,7 @@ fn run(cli: Cli) -> deepct_core::Result<Outcome> {
         Verb::Score(args) => score::run(&args, &cli.global),
         Verb::Dataset(args) => dataset::run(&args, &cli.global),
         Verb::Weights(args) => weights::run(&args),
+        Verb::Plot(args) => plot::run(&args),
         Verb::Config(args) => config::run(&args),
         Verb::Completions(args) => completions::run(&args),
         Verb::Man(args) => man::run(&args),

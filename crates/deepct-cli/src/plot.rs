@@ -1,0 +1,93 @@
+//! `deepct plot`: pictures of volumes and of images.
+
+use crate::Outcome;
+use deepct_core::grid::Volume;
+use deepct_core::io::{read_cloud, read_observation};
+use deepct_core::plot::{contact_sheet, volume_figure};
+use deepct_core::scene::Observation;
+use deepct_core::{Error, Result, optics};
+use std::path::{Path, PathBuf};
+
+/// Draw a volume, alone or beside the truth, or a sheet of images, as a PNG file
+#[derive(Debug, clap::Args)]
+pub(crate) struct Args {
+    /// Volume, cloud or images
+    file: PathBuf,
+    /// The true cloud, to be drawn beside the volume and against it
+    #[arg(long, value_name = "C.nc")]
+    truth: Option<PathBuf>,
+    /// Title of the figure; if not given, the name of the file
+    #[arg(long, value_name = "TEXT")]
+    title: Option<String>,
+    /// Picture to write
+    #[arg(long, value_name = "FIG.png")]
+    out: PathBuf,
+}
+
+/// What a file can be drawn as.
+enum Content {
+    Volume(Volume),
+    Images(Observation),
+}
+
+pub(crate) fn run(args: &Args) -> Result<Outcome> {
+    if args.out.extension().is_none_or(|extension| !extension.eq_ignore_ascii_case("png")) {
+        let range = "the name of a PNG file, ending in .png";
+        return Err(Error::out_of_range("--out", args.out.display(), range));
+    }
+    let name = || args.file.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    let title = args.title.clone().unwrap_or_else(name);
+    match read_content(&args.file)? {
+        Content::Volume(estimate) => {
+            let truth = args.truth.as_deref().map(read_extinction).transpose()?;
+            volume_figure(&args.out, &estimate, truth.as_ref(), &title)
+                .map_err(Error::in_file(&args.file))?;
+        }
+        Content::Images(_) if args.truth.is_some() => {
+            return Err(Error::file(
+                &args.file,
+                "radiance",
+                "are images, which have no truth beside them",
+                "leave out --truth, or give a volume",
+            ));
+        }
+        Content::Images(observation) => {
+            contact_sheet(&args.out, &observation.images, &labels(&observation), &title)?;
+        }
+    }
+    Ok(Outcome::Success)
+}
+
+/// A volume, or else images. What is wrong with a file that is neither is told as of
+/// the kind that it looks like.
+fn read_content(path: &Path) -> Result<Content> {
+    let problem = match read_extinction(path) {
+        Ok(volume) => return Ok(Content::Volume(volume)),
+        Err(problem) => problem,
+    };
+    match read_observation(path) {
+        Ok(observation) => Ok(Content::Images(observation)),
+        Err(Error::File { field, problem: missing, .. })
+            if field == "radiance" && missing == "is missing" =>
+        {
+            Err(problem)
+        }
+        Err(of_images) => Err(of_images),
+    }
+}
+
+fn read_extinction(path: &Path) -> Result<Volume> {
+    optics::extinction(&read_cloud(path)?).map_err(Error::in_file(path))
+}
+
+/// The direction that each image was taken from, and the size of its pixels.
+fn labels(observation: &Observation) -> Vec<String> {
+    let geometry = observation.geometry();
+    let directions = geometry.view_zenith_deg.iter().zip(&geometry.view_azimuth_deg);
+    directions
+        .zip(&geometry.pixel_km)
+        .map(|((zenith, azimuth), pixel)| {
+            format!("zenith {zenith:.1}°\nazimuth {azimuth:.0}°, {:.0} m", 1000.0 * pixel)
+        })
+        .collect()
+}
