@@ -13,7 +13,7 @@ pub use threshold::cloud_threshold;
 use crate::error::{Error, Result};
 use crate::grid::{Grid, Mask};
 use crate::scene::{Observation, View};
-use footprint::{Footprint, corner_pixels};
+use footprint::{CloudyPixels, Footprint, corner_pixels};
 use ndarray::{Array2, Array3, ArrayViewMut2, Axis};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -67,15 +67,13 @@ pub struct Carved {
 /// Carve `grid` by the images of `observation`.
 ///
 /// # Errors
-/// As [`CarveSettings::check`]; images in which no threshold can be found.
+/// As [`CarveSettings::check`].
 pub fn carve(observation: &Observation, grid: &Grid, settings: &CarveSettings) -> Result<Carved> {
     settings.check()?;
-    let threshold = match settings.threshold {
-        Some(threshold) => threshold,
-        None => cloud_threshold(&observation.images)?,
-    };
-    let cloudy: Vec<Array2<bool>> = (0..observation.views.len())
+    let threshold = settings.threshold.unwrap_or_else(|| cloud_threshold(&observation.images));
+    let cloudy: Vec<CloudyPixels> = (0..observation.views.len())
         .map(|view| observation.images.image(view).mapv(|radiance| radiance > threshold))
+        .map(CloudyPixels::new)
         .collect();
     let mut values = Array3::from_elem(grid.shape, false);
     values.axis_iter_mut(Axis(0)).into_par_iter().enumerate().for_each(|(k, level)| {
@@ -95,7 +93,7 @@ fn carve_level(
     grid: &Grid,
     k: usize,
     views: &[View],
-    cloudy: &[Array2<bool>],
+    cloudy: &[CloudyPixels],
     agreement: f64,
     mut level: ArrayViewMut2<'_, bool>,
 ) {
@@ -103,7 +101,7 @@ fn carve_level(
     for (view, cloudy) in views.iter().zip(cloudy) {
         let corners = [corner_pixels(grid, k, view), corner_pixels(grid, k + 1, view)];
         for ((j, i), votes) in votes.indexed_iter_mut() {
-            match Footprint::of_voxel(&corners, j, i).and_then(|seen| seen.vote(cloudy.view())) {
+            match Footprint::of_voxel(&corners, j, i).and_then(|seen| seen.vote(cloudy)) {
                 Some(true) => votes.yes += 1,
                 Some(false) => votes.no += 1,
                 None => {}
@@ -111,8 +109,9 @@ fn carve_level(
         }
     }
     ndarray::Zip::from(&mut level).and(&votes).for_each(|kept, votes| {
-        let all = f64::from(votes.yes + votes.no);
-        *kept = f64::from(votes.yes) >= agreement * all;
+        // A share of votes that equals the agreement but for rounding is enough.
+        let needed = agreement * f64::from(votes.yes + votes.no) - 1e-9;
+        *kept = f64::from(votes.yes) >= needed;
     });
 }
 
@@ -250,6 +249,8 @@ mod tests {
         let dark = observe(&Volume::constant(grid, 0.0), vec![view]);
         assert!(carve(&dark, &grid, &settings(0.0, 1.1)).is_err());
         assert!(carve(&dark, &grid, &settings(f32::NAN, 0.9)).is_err());
-        assert!(carve(&dark, &grid, &CarveSettings::default()).is_err());
+        // Without a bright pixel nothing is cloud.
+        let carved = carve(&dark, &grid, &CarveSettings::default()).unwrap();
+        assert!(carved.mask.count() < grid.len() && carved.threshold == 0.0);
     }
 }

@@ -4,7 +4,8 @@ use crate::grid::Grid;
 use crate::math::DVec3;
 use crate::scene::View;
 use glam::DVec2;
-use ndarray::{Array2, ArrayView2};
+use ndarray::Array2;
+use std::ops::Range;
 
 /// Overlaps thinner than this (pixels) are rounding errors.
 const TOUCH: f64 = 1e-6;
@@ -39,6 +40,36 @@ pub(super) fn corner_pixels(grid: &Grid, k: usize, view: &View) -> CornerPixels 
     })
 }
 
+/// The cloudy pixels of an image.
+pub(super) struct CloudyPixels {
+    cloudy: Array2<bool>,
+    /// Number of cloudy pixels in all rows and columns before an index.
+    sums: Array2<u32>,
+}
+
+impl CloudyPixels {
+    pub(super) fn new(cloudy: Array2<bool>) -> Self {
+        let (rows, cols) = cloudy.dim();
+        let mut sums = Array2::zeros((rows + 1, cols + 1));
+        for ((row, col), &cloudy) in cloudy.indexed_iter() {
+            sums[[row + 1, col + 1]] =
+                u32::from(cloudy) + sums[[row, col + 1]] + sums[[row + 1, col]] - sums[[row, col]];
+        }
+        Self { cloudy, sums }
+    }
+
+    /// Number of cloudy pixels in a rectangle.
+    fn count(&self, rows: &Range<usize>, cols: &Range<usize>) -> u32 {
+        if rows.is_empty() || cols.is_empty() {
+            return 0;
+        }
+        let sum = |row, col| self.sums[[row, col]];
+        sum(rows.end, cols.end) + sum(rows.start, cols.start)
+            - sum(rows.start, cols.end)
+            - sum(rows.end, cols.start)
+    }
+}
+
 /// The figure of a voxel in an image: the convex hull of its corners, `(row, col)`.
 pub(super) struct Footprint([DVec2; 8]);
 
@@ -62,22 +93,27 @@ impl Footprint {
 
     /// Whether a cloudy pixel overlaps the footprint; `None` when none does, but the
     /// footprint is not all inside the frame.
-    pub(super) fn vote(&self, cloudy: ArrayView2<'_, bool>) -> Option<bool> {
-        let frame = DVec2::new(cloudy.nrows() as f64, cloudy.ncols() as f64);
+    pub(super) fn vote(&self, image: &CloudyPixels) -> Option<bool> {
+        let (row_count, col_count) = image.cloudy.dim();
+        let frame = DVec2::new(row_count as f64, col_count as f64);
         let low = self.0.iter().copied().fold(DVec2::INFINITY, DVec2::min);
         let high = self.0.iter().copied().fold(DVec2::NEG_INFINITY, DVec2::max);
-        let mut sides = None;
-        for row in pixels(low.x, high.x, cloudy.nrows()) {
-            for col in pixels(low.y, high.y, cloudy.ncols()) {
-                if cloudy[[row, col]]
-                    && overlaps(sides.get_or_insert_with(|| self.sides()), row, col)
-                {
-                    return Some(true);
-                }
-            }
-        }
         let inside = low.cmpge(DVec2::splat(-TOUCH)).all() && high.cmple(frame + TOUCH).all();
+        let (rows, cols) = (pixels(low.x, high.x, row_count), pixels(low.y, high.y, col_count));
+        let count = image.count(&rows, &cols);
+        // Inside the frame some pixel within these rows and columns overlaps the
+        // footprint for sure: when all are cloudy, nothing need be found out.
+        let all_cloudy = inside && count as usize == rows.len() * cols.len();
+        if all_cloudy || (count > 0 && self.overlaps_any(image, rows, cols)) {
+            return Some(true);
+        }
         inside.then_some(false)
+    }
+
+    fn overlaps_any(&self, image: &CloudyPixels, rows: Range<usize>, cols: Range<usize>) -> bool {
+        let sides = self.sides();
+        rows.flat_map(|row| cols.clone().map(move |col| (row, col)))
+            .any(|(row, col)| image.cloudy[[row, col]] && overlaps(&sides, row, col))
     }
 
     /// The normals of the projected edges of the voxel: all sides of the footprint are
@@ -111,7 +147,7 @@ fn overlaps(sides: &[Side], row: usize, col: usize) -> bool {
 }
 
 /// The pixels along one axis of an image that a range overlaps.
-fn pixels(low: f64, high: f64, count: usize) -> std::ops::Range<usize> {
+fn pixels(low: f64, high: f64, count: usize) -> Range<usize> {
     // A cast from a float saturates, so what is outside the frame comes out empty.
     let first = (low + TOUCH).floor() as usize;
     let last = (high - TOUCH).ceil() as usize;
@@ -187,7 +223,7 @@ mod tests {
                         cloudy[[row, col]] = true;
                         let shared =
                             shared_area(polygon.clone(), DVec2::new(row as f64, col as f64));
-                        let vote = footprint.vote(cloudy.view()) == Some(true);
+                        let vote = footprint.vote(&CloudyPixels::new(cloudy)) == Some(true);
                         assert_eq!(
                             vote,
                             shared > 1e-12,

@@ -1,57 +1,105 @@
 //! The radiance that parts cloud from clear sky.
 
-use crate::error::{Error, Result};
 use crate::image::ViewStack;
 
+/// How many standard deviations above the background a cloud begins.
+const DEVIATIONS: f64 = 3.0;
+/// The least rise above the background, as a share of it, that is taken for cloud:
+/// light that clouds throw on the clear pixels beside them is less.
+const LEAST_RISE: f64 = 0.05;
+/// Standard deviations of a normal distribution by its median absolute deviation.
+const DEVIATIONS_PER_MEDIAN: f64 = 1.482_6;
+
 /// The radiance (1/sr) between clear sky over a dark surface and cloud, from the
-/// histogram of all views: the split of the logarithm of radiance into two classes
-/// that leaves the least variance within them (Otsu 1979, "A threshold selection
-/// method from gray-level histograms").
+/// distribution of all pixels of all views.
 ///
-/// # Errors
-/// Images in which fewer than two different positive radiances occur.
-pub fn cloud_threshold(images: &ViewStack) -> Result<f32> {
-    const BINS: usize = 256;
-    let logs: Vec<f64> = images
-        .values
-        .iter()
-        .filter(|radiance| **radiance > 0.0)
-        .map(|&radiance| f64::from(radiance).ln())
-        .collect();
-    let low = logs.iter().copied().fold(f64::INFINITY, f64::min);
-    let high = logs.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    if low.partial_cmp(&high) != Some(std::cmp::Ordering::Less) {
-        return Err(Error::out_of_range(
-            "radiance",
-            format!("{} everywhere", images.brightest()),
-            "of at least two positive values where a threshold is to be found; give a threshold",
-        ));
-    }
-    let width = (high - low) / BINS as f64;
-    let mut histogram = [0.0_f64; BINS];
-    for log in logs {
-        histogram[(((log - low) / width) as usize).min(BINS - 1)] += 1.0;
-    }
-    Ok((low + otsu(&histogram) as f64 * width).exp() as f32)
+/// The background is the densest part of the distribution, found as its half-sample
+/// mode (Robertson and Cryer 1974). Its spread is the median absolute deviation on
+/// the narrower of its two sides, as clouds widen the upper side and their shadows the
+/// lower one. The threshold is three standard deviations above the background, and at
+/// least a twentieth of it.
+///
+/// Splits of the histogram into two classes (Otsu 1979) do not serve here: over a dark
+/// ocean the two classes are the shadows and all the rest. Where clear sky is nowhere
+/// to be seen there is no background, and a threshold must be given.
+pub fn cloud_threshold(images: &ViewStack) -> f32 {
+    let mut sorted: Vec<f64> = images.values.iter().map(|&radiance| f64::from(radiance)).collect();
+    sorted.sort_by(f64::total_cmp);
+    let background = half_sample_mode(&sorted);
+    let lower = sorted.partition_point(|&radiance| radiance <= background);
+    let upper = sorted.partition_point(|&radiance| radiance < background);
+    let (below, above) = (&sorted[..lower], &sorted[upper..]);
+    let median = |side: &[f64]| side.get(side.len() / 2).map(|middle| (middle - background).abs());
+    let narrower =
+        [median(below), median(above)].into_iter().flatten().fold(f64::INFINITY, f64::min);
+    let rise = DEVIATIONS * DEVIATIONS_PER_MEDIAN * narrower;
+    (background + rise.max(LEAST_RISE * background.abs())) as f32
 }
 
-/// The number of bins in the lower class of Otsu's split.
-fn otsu(histogram: &[f64]) -> usize {
-    let total: f64 = histogram.iter().sum();
-    let moment: f64 = histogram.iter().enumerate().map(|(bin, count)| bin as f64 * count).sum();
-    let (mut below, mut moment_below) = (0.0, 0.0);
-    let mut best = (0.0, 1);
-    for (bin, count) in histogram.iter().enumerate() {
-        below += count;
-        moment_below += bin as f64 * count;
-        let above = total - below;
-        if below > 0.0 && above > 0.0 {
-            let difference = moment_below / below - (moment - moment_below) / above;
-            let between = below * above * difference * difference;
-            if between > best.0 {
-                best = (between, bin + 1);
+/// The mode of sorted values: half of them that lie closest together, half of these,
+/// and so on. There must be at least one.
+fn half_sample_mode(sorted: &[f64]) -> f64 {
+    let mut values = sorted;
+    while values.len() > 2 {
+        let half = values.len().div_ceil(2);
+        let range = |start: usize| values[start + half - 1] - values[start];
+        let densest =
+            (0..=values.len() - half).min_by(|&a, &b| range(a).total_cmp(&range(b))).unwrap_or(0);
+        values = &values[densest..densest + half];
+    }
+    values.iter().sum::<f64>() / values.len() as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::rng::{Purpose, stream};
+    use ndarray::Array3;
+    use rand_distr::{Distribution, Normal};
+
+    /// Pixels around a background of 0.0138, then shadows, then clouds.
+    fn images(deviation: f64, shadows: usize, clouds: usize) -> ViewStack {
+        let noise = Normal::new(0.0138, deviation).unwrap();
+        let mut random = stream(1, Purpose::Sensor, &[deviation.to_bits()]);
+        let values = (0..10_000).map(|number| match number {
+            number if number < shadows => 0.002 + 0.01 * number as f64 / shadows as f64,
+            number if number < shadows + clouds => {
+                0.02 + 0.2 * (number - shadows) as f64 / clouds as f64
             }
+            _ => noise.sample(&mut random),
+        });
+        let values = values.map(|value| value as f32).collect();
+        ViewStack::new(Array3::from_shape_vec((1, 100, 100), values).unwrap()).unwrap()
+    }
+
+    #[test]
+    fn the_threshold_is_three_deviations_above_the_background() {
+        let threshold = f64::from(cloud_threshold(&images(0.0005, 0, 0)));
+        assert!((threshold - 0.0153).abs() < 0.0002, "{threshold}");
+    }
+
+    /// Clouds and shadows on a third of the pixels widen the spread, but the threshold
+    /// stays between the background's noise and the thinnest cloud.
+    #[test]
+    fn clouds_and_their_shadows_do_not_hide_the_background() {
+        for (shadows, clouds) in [(2000, 500), (500, 2000), (1700, 1700), (0, 4000), (4000, 0)] {
+            let threshold = f64::from(cloud_threshold(&images(0.0005, shadows, clouds)));
+            assert!((0.0148..0.0165).contains(&threshold), "{shadows} {clouds} {threshold}");
         }
     }
-    best.1
+
+    #[test]
+    fn without_noise_a_twentieth_above_the_background() {
+        let threshold = f64::from(cloud_threshold(&images(0.0, 1000, 1000)));
+        assert!((threshold / 0.0138 - 1.05).abs() < 1e-4, "{threshold}");
+        let dark = ViewStack::new(Array3::zeros((2, 3, 4))).unwrap();
+        assert_eq!(cloud_threshold(&dark), 0.0);
+    }
+
+    #[test]
+    fn the_half_sample_mode_of_a_few_values() {
+        assert_eq!(half_sample_mode(&[3.0]), 3.0);
+        assert_eq!(half_sample_mode(&[1.0, 4.0]), 2.5);
+        assert_eq!(half_sample_mode(&[0.0, 5.0, 5.1, 9.0, 20.0]), 5.05);
+    }
 }

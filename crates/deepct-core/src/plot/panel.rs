@@ -1,21 +1,18 @@
 //! A panel: a map of values in colour with axes, and its colour bar.
 
-use super::page::{Area, Drawn, Frame, LABEL, TICK, letters, upward_letters};
+use super::page::{Anchor, BLACK, Colour, Frame, LABEL, Page, TICK};
+use colorous::Gradient;
+use glam::DVec2;
 use ndarray::ArrayView2;
-use plotters::prelude::*;
-use plotters::style::text_anchor::{HPos, VPos};
 use std::ops::Range;
-
-/// A colour map.
-pub(super) type Gradient = colorous::Gradient;
 
 /// The colours of values from zero to `high`.
 #[derive(Clone, Copy)]
 pub(super) struct ColourScale {
-    pub(super) gradient: Gradient,
+    gradient: Gradient,
+    /// The value at the end of the scale.
     pub(super) high: f64,
-    /// Whether the gradient's end stands for zero.
-    pub(super) reversed: bool,
+    reversed: bool,
 }
 
 impl ColourScale {
@@ -24,11 +21,16 @@ impl ColourScale {
         Self { gradient, high: if high > 0.0 { high } else { 1.0 }, reversed: false }
     }
 
-    pub(super) fn colour(&self, value: f64) -> RGBColor {
+    /// The same with the colours in the opposite order.
+    pub(super) fn reversed(self) -> Self {
+        Self { reversed: !self.reversed, ..self }
+    }
+
+    pub(super) fn colour(&self, value: f64) -> Colour {
         let share = (value / self.high).clamp(0.0, 1.0);
         let share = if self.reversed { 1.0 - share } else { share };
         let colour = self.gradient.eval_continuous(share);
-        RGBColor(colour.r, colour.g, colour.b)
+        [colour.r, colour.g, colour.b]
     }
 }
 
@@ -51,109 +53,89 @@ pub(super) struct Panel<'a> {
 
 impl Panel<'_> {
     /// Draw the map into `frame`, the labels outside it.
-    pub(super) fn draw(&self, page: &Area<'_>, frame: Frame) -> Drawn {
-        self.draw_cells(page, frame)?;
-        draw_axes(page, frame, &self.title, &self.right, &self.up)
+    pub(super) fn draw(&self, page: &mut Page, frame: Frame) {
+        draw_map(page, frame, self.values.dim(), |at| self.scale.colour(self.values[at]));
+        draw_axes(page, frame, &self.title, &self.right, &self.up);
     }
+}
 
-    /// One colour per pixel of the page, so that cells of any size leave no seam.
-    fn draw_cells(&self, page: &Area<'_>, frame: Frame) -> Drawn {
-        let (rows, cols) = self.values.dim();
-        for y in 0..frame.height {
-            let row = ((frame.height - 1 - y) as usize * rows) / frame.height as usize;
-            for x in 0..frame.width {
-                let col = x as usize * cols / frame.width as usize;
-                let colour = self.scale.colour(self.values[[row, col]]);
-                page.draw_pixel((frame.left + x, frame.top + y), &colour)?;
-            }
-        }
-        Ok(())
-    }
+/// Fill `frame` with `rows` times `cols` cells, the first row at the bottom.
+pub(super) fn draw_map(
+    page: &mut Page,
+    frame: Frame,
+    (rows, cols): (usize, usize),
+    colour: impl Fn([usize; 2]) -> Colour,
+) {
+    page.fill(frame, |x, y| {
+        let row = (frame.height - 1 - y) as usize * rows / frame.height as usize;
+        colour([row, x as usize * cols / frame.width as usize])
+    });
+    page.border(frame);
 }
 
 /// Frame, ticks, numbers, labels and title around a panel.
 pub(super) fn draw_axes(
-    page: &Area<'_>,
+    page: &mut Page,
     frame: Frame,
     title: &str,
     right: &PanelAxis,
     up: &PanelAxis,
-) -> Drawn {
-    draw_border(page, frame)?;
+) {
+    page.border(frame);
     let at = |value: f64, range: &Range<f64>, pixels: i32| {
-        ((value - range.start) / (range.end - range.start) * f64::from(pixels)).round() as i32
+        ((value - range.start) / (range.end - range.start) * f64::from(pixels - 1)).round() as i32
     };
-    for (value, text) in ticks(&right.range, frame.width / 55) {
+    for (value, text) in ticks(&right.range, frame.width / 60) {
         let x = frame.left + at(value, &right.range, frame.width);
-        tick(page, (x, frame.bottom()), (0, 5))?;
-        let style = letters(TICK, HPos::Center, VPos::Top);
-        page.draw_text(&text, &style, (x, frame.bottom() + 8))?;
+        tick(page, (x, frame.bottom()), (0, 5));
+        page.text(&text, TICK, Anchor::Below, x, frame.bottom() + 7);
     }
-    for (value, text) in ticks(&up.range, frame.height / 30) {
-        let y = frame.bottom() - at(value, &up.range, frame.height);
-        tick(page, (frame.left, y), (-5, 0))?;
-        let style = letters(TICK, HPos::Right, VPos::Center);
-        page.draw_text(&text, &style, (frame.left - 8, y))?;
+    for (value, text) in ticks(&up.range, frame.height / 32) {
+        let y = frame.bottom() - 1 - at(value, &up.range, frame.height);
+        tick(page, (frame.left - 1, y), (-5, 0));
+        page.text(&text, TICK, Anchor::LeftOf, frame.left - 9, y);
     }
-    let below = letters(LABEL, HPos::Center, VPos::Top);
-    page.draw_text(right.label, &below, (frame.middle(), frame.bottom() + 28))?;
-    let left = upward_letters(LABEL);
-    page.draw_text(up.label, &left, (frame.left - 44, frame.top + frame.height / 2))?;
-    let above = letters(LABEL, HPos::Center, VPos::Bottom);
-    page.draw_text(title, &above, (frame.middle(), frame.top - 8))?;
-    Ok(())
+    page.text(right.label, LABEL, Anchor::Below, frame.middle(), frame.bottom() + 28);
+    page.text(up.label, LABEL, Anchor::UpwardsLeftOf, frame.left - 46, frame.half_way());
+    page.text(title, LABEL, Anchor::Above, frame.middle(), frame.top - 6);
 }
 
-/// Draw the colours of `scale` as a bar with numbers and a label to its right.
-pub(super) fn draw_colour_bar(
-    page: &Area<'_>,
-    frame: Frame,
-    scale: ColourScale,
-    label: &str,
-) -> Drawn {
-    let numbers = ticks(&(0.0..scale.high), frame.height / 40);
-    draw_bar_with(page, frame, scale, label, &numbers)
+/// A bar of all colours of a scale.
+pub(super) struct ColourBar<'a> {
+    pub(super) scale: ColourScale,
+    pub(super) label: &'a str,
+    /// Values on the scale and the numbers that stand there.
+    pub(super) numbers: Vec<(f64, String)>,
 }
 
-/// As [`draw_colour_bar`], with given numbers at given values.
-pub(super) fn draw_bar_with(
-    page: &Area<'_>,
-    frame: Frame,
-    scale: ColourScale,
-    label: &str,
-    numbers: &[(f64, String)],
-) -> Drawn {
-    for y in 0..frame.height {
-        let share = (f64::from(frame.height - y) - 0.5) / f64::from(frame.height);
-        let colour = scale.colour(share * scale.high);
-        for x in 0..frame.width {
-            page.draw_pixel((frame.left + x, frame.top + y), &colour)?;
+impl<'a> ColourBar<'a> {
+    /// A bar of a linear scale, to be drawn `height` pixels high.
+    pub(super) fn linear(scale: ColourScale, label: &'a str, height: i32) -> Self {
+        Self { scale, label, numbers: ticks(&(0.0..scale.high), (height / 40).min(8)) }
+    }
+
+    /// Draw the bar into `frame`, numbers and label to its right.
+    pub(super) fn draw(&self, page: &mut Page, frame: Frame) {
+        page.fill(frame, |_, y| {
+            let share = (f64::from(frame.height - y) - 0.5) / f64::from(frame.height);
+            self.scale.colour(share * self.scale.high)
+        });
+        page.border(frame);
+        for (value, text) in &self.numbers {
+            let up = (value / self.scale.high * f64::from(frame.height - 1)).round() as i32;
+            let y = frame.bottom() - 1 - up;
+            tick(page, (frame.right(), y), (5, 0));
+            page.text(text, TICK, Anchor::RightOf, frame.right() + 9, y);
         }
+        let widths = self.numbers.iter().map(|(_, text)| page.text_width(text, TICK));
+        let x = frame.right() + 15 + widths.max().unwrap_or(0);
+        page.text(self.label, LABEL, Anchor::UpwardsRightOf, x, frame.half_way());
     }
-    draw_border(page, frame)?;
-    let mut widest = 0;
-    for (value, text) in numbers {
-        let y = frame.bottom() - (value / scale.high * f64::from(frame.height)).round() as i32;
-        tick(page, (frame.right(), y), (5, 0))?;
-        let style = letters(TICK, HPos::Left, VPos::Center);
-        page.draw_text(text, &style, (frame.right() + 8, y))?;
-        widest = widest.max(page.estimate_text_size(text, &style)?.0 as i32);
-    }
-    let x = frame.right() + 8 + widest + 8;
-    page.draw_text(label, &upward_letters(LABEL), (x, frame.top + frame.height / 2))?;
-    Ok(())
 }
 
-pub(super) fn draw_border(page: &Area<'_>, frame: Frame) -> Drawn {
-    let corners = [(frame.left - 1, frame.top - 1), (frame.right(), frame.bottom())];
-    page.draw(&Rectangle::new(corners, BLACK))?;
-    Ok(())
-}
-
-fn tick(page: &Area<'_>, from: (i32, i32), length: (i32, i32)) -> Drawn {
-    let to = (from.0 + length.0, from.1 + length.1);
-    page.draw(&PathElement::new(vec![from, to], BLACK))?;
-    Ok(())
+fn tick(page: &mut Page, (x, y): (i32, i32), (dx, dy): (i32, i32)) {
+    let from = DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
+    page.line(from, from + DVec2::new(f64::from(dx), f64::from(dy)), 1.0, BLACK);
 }
 
 /// Round numbers in a range, at most `most` of them but at least two, as values and

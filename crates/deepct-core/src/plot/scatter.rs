@@ -1,18 +1,19 @@
 //! The scatter plot of an estimate against the truth.
 
-use super::page::{Area, Drawn, Frame, TITLE, draw_page, letters};
-use super::panel::{ColourScale, PanelAxis, draw_axes, draw_bar_with};
+use super::page::{Anchor, Colour, Frame, Page, TITLE};
+use super::panel::{ColourBar, ColourScale, PanelAxis, draw_axes, draw_map};
 use super::volume::check_pair;
 use crate::error::Result;
 use crate::grid::Volume;
 use crate::metrics::{check_truth, score};
+use glam::DVec2;
 use ndarray::Array2;
-use plotters::prelude::*;
-use plotters::style::text_anchor::{HPos, VPos};
 use std::path::Path;
 
 /// Cells of the plot along each axis.
 const CELLS: usize = 75;
+const WHITE: Colour = [255, 255, 255];
+const RED: Colour = [220, 20, 30];
 
 /// Draw the estimated against the true extinction as a PNG file: the number of voxels
 /// in each cell of the plane, on a logarithmic scale, and the red line of a perfect
@@ -30,52 +31,42 @@ pub fn scatter_figure(
     check_pair(truth, estimate)?;
     check_truth(truth)?;
     let frame = Frame { left: 90, top: 110, width: 600, height: 600 };
-    draw_page(path.as_ref(), [840, 790], |page| {
-        let style = letters(TITLE, HPos::Center, VPos::Center);
-        page.draw_text(title, &style, (frame.middle(), 40))?;
-        draw_scatter(page, frame, truth, estimate)
-    })
+    let mut page = Page::new([840, 790])?;
+    page.text(title, TITLE, Anchor::On, frame.middle(), 40);
+    draw_scatter(&mut page, frame, truth, estimate);
+    page.write(path.as_ref())
 }
 
 /// Draw the plot into `frame`, its colour bar to the right.
-pub(super) fn draw_scatter(
-    page: &Area<'_>,
-    frame: Frame,
-    truth: &Volume,
-    estimate: &Volume,
-) -> Drawn {
+pub(super) fn draw_scatter(page: &mut Page, frame: Frame, truth: &Volume, estimate: &Volume) {
     let both = truth.values.iter().chain(&estimate.values);
     let greatest = f64::from(both.copied().fold(0.0, f32::max)).max(f64::MIN_POSITIVE);
     let counts = count_voxels(truth, estimate, greatest);
     let most = counts.iter().copied().max().unwrap_or(1).max(10);
     let scale = ColourScale::new(colorous::VIRIDIS, f64::from(most).log10());
-    let edge = |cell: usize, length: i32| (cell * length as usize / CELLS) as i32;
-    for ((row, col), &count) in counts.indexed_iter().filter(|(_, count)| **count > 0) {
-        let left_bottom = (edge(col, frame.width), edge(row, frame.height));
-        let right_top = (edge(col + 1, frame.width), edge(row + 1, frame.height));
-        let corners = [
-            (frame.left + left_bottom.0, frame.bottom() - right_top.1),
-            (frame.left + right_top.0 - 1, frame.bottom() - left_bottom.1 - 1),
-        ];
-        page.draw(&Rectangle::new(corners, scale.colour(f64::from(count).log10()).filled()))?;
-    }
-    let identity = vec![(frame.left, frame.bottom()), (frame.right(), frame.top)];
-    page.draw(&PathElement::new(identity, RED.stroke_width(2)))?;
+    draw_map(page, frame, counts.dim(), |at| match counts[at] {
+        0 => WHITE,
+        count => scale.colour(f64::from(count).log10()),
+    });
+    let corner = |x: i32, y: i32| DVec2::new(f64::from(x), f64::from(y));
+    let (from, to) = (corner(frame.left, frame.bottom()), corner(frame.right(), frame.top));
+    page.line(from, to, 2.0, RED);
     let axis = |label| PanelAxis { label, range: 0.0..greatest };
-    let title = match score(truth, estimate) {
-        Ok(scores) => {
-            format!("\u{3b5} = {:.3}, \u{3b4} = {:.3}", scores.relative_error, scores.mass_error)
-        }
-        Err(_) => String::new(),
-    };
-    let (right, up) =
-        (axis("true extinction (km\u{207b}\u{b9})"), axis("estimate (km\u{207b}\u{b9})"));
-    draw_axes(page, frame, &title, &right, &up)?;
+    let right = axis("true extinction (km\u{207b}\u{b9})");
+    let up = axis("estimated extinction (km\u{207b}\u{b9})");
+    draw_axes(page, frame, &caption(truth, estimate), &right, &up);
     let bar = Frame { left: frame.right() + 24, width: 18, ..frame };
-    let decades = most.ilog10();
-    let numbers: Vec<_> =
-        (0..=decades).map(|power| (f64::from(power), 10_u64.pow(power).to_string())).collect();
-    draw_bar_with(page, bar, scale, "voxels", &numbers)
+    let numbers = (0..=most.ilog10())
+        .map(|power| (f64::from(power), 10_u64.pow(power).to_string()))
+        .collect();
+    ColourBar { scale, label: "voxels", numbers }.draw(page, bar);
+}
+
+/// The scores, where the truth is not empty.
+fn caption(truth: &Volume, estimate: &Volume) -> String {
+    score(truth, estimate).map_or(String::new(), |scores| {
+        format!("\u{3b5} = {:.3}, \u{3b4} = {:.3}", scores.relative_error, scores.mass_error)
+    })
 }
 
 /// Voxels by estimate (row) and truth (column), both from zero to `greatest`.

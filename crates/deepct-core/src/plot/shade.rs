@@ -1,17 +1,16 @@
-//! A solid picture of a volume: seen from the south-south-west and from above, along
+//! A solid picture of a volume: seen from the south-west and from above, along
 //! parallel rays through a coloured fog whose density follows the extinction.
 
-use super::page::{Area, Drawn, Frame, TICK, letters};
+use super::page::{Anchor, Colour, Frame, Page, TICK};
 use super::panel::ColourScale;
 use crate::grid::{Grid, Volume};
 use crate::math::{DVec3, towards};
-use plotters::prelude::*;
-use plotters::style::text_anchor::{HPos, VPos};
+use glam::DVec2;
 use rayon::prelude::*;
 
 /// Angle of the viewer from +z (radians).
 const ZENITH: f64 = 1.13;
-/// Azimuth of the viewer, clockwise from north (radians): south-south-west.
+/// Azimuth of the viewer, clockwise from north (radians): south-west, nearer to south.
 const AZIMUTH: f64 = 3.54;
 /// Optical depth of the fog across the grid's diagonal, were it filled with the
 /// extinction at the top of the colour scale.
@@ -20,6 +19,8 @@ const FOG_DEPTH: f64 = 40.0;
 const STEPS_PER_VOXEL: f64 = 2.0;
 /// Share of a surface's brightness that does not depend on its slope.
 const AMBIENT: f64 = 0.6;
+/// The colour of the grid's edges.
+const GREY: Colour = [150, 150, 150];
 
 /// Where the viewer stands, and how points become pixels.
 struct Viewpoint {
@@ -27,7 +28,7 @@ struct Viewpoint {
     right: DVec3,
     up: DVec3,
     center: DVec3,
-    middle: (f64, f64),
+    middle: DVec2,
     pixels_per_km: f64,
 }
 
@@ -41,53 +42,43 @@ impl Viewpoint {
         let reach = |axis: DVec3| 2.0 * half.dot(axis.abs());
         let pixels_per_km =
             (f64::from(frame.width) / reach(right)).min(f64::from(frame.height - 20) / reach(up));
-        let middle = (f64::from(frame.middle()), f64::from(frame.top + frame.height / 2));
+        let middle = DVec2::new(f64::from(frame.middle()), f64::from(frame.half_way()));
         Self { towards, right, up, center: grid.center(), middle, pixels_per_km }
     }
 
-    fn pixel(&self, point: DVec3) -> (i32, i32) {
+    /// Where a point falls on the page.
+    fn pixel(&self, point: DVec3) -> DVec2 {
         let offset = self.pixels_per_km * (point - self.center);
-        let (x, y) = (self.middle.0 + offset.dot(self.right), self.middle.1 - offset.dot(self.up));
-        (x.round() as i32, y.round() as i32)
+        self.middle + DVec2::new(offset.dot(self.right), -offset.dot(self.up))
     }
 
     /// The point that a pixel shows in the plane through the grid's centre.
     fn point(&self, x: i32, y: i32) -> DVec3 {
-        let right = (f64::from(x) + 0.5 - self.middle.0) / self.pixels_per_km;
-        let up = (self.middle.1 - f64::from(y) - 0.5) / self.pixels_per_km;
+        let right = (f64::from(x) + 0.5 - self.middle.x) / self.pixels_per_km;
+        let up = (self.middle.y - f64::from(y) - 0.5) / self.pixels_per_km;
         self.center + right * self.right + up * self.up
     }
 }
 
 /// Draw the picture into `frame`: the far sides of the grid, then the fog.
-pub(super) fn draw_solid(
-    page: &Area<'_>,
-    frame: Frame,
-    volume: &Volume,
-    scale: ColourScale,
-) -> Drawn {
+pub(super) fn draw_solid(page: &mut Page, frame: Frame, volume: &Volume, scale: ColourScale) {
     let viewpoint = Viewpoint::new(&volume.grid, frame);
-    draw_far_edges(page, &volume.grid, &viewpoint)?;
-    let lines: Vec<Vec<Seen>> = (0..frame.height)
+    draw_far_edges(page, &volume.grid, &viewpoint);
+    let lines: Vec<Vec<Seen>> = (frame.top..frame.bottom())
         .into_par_iter()
         .map(|y| {
-            let shown = |x| {
-                march(volume, viewpoint.point(frame.left + x, frame.top + y), &viewpoint, scale)
-            };
-            (0..frame.width).map(shown).collect()
+            let shown = |x| march(volume, viewpoint.point(x, y), &viewpoint, scale);
+            (frame.left..frame.right()).map(shown).collect()
         })
         .collect();
-    for (y, line) in lines.into_iter().enumerate() {
-        for (x, seen) in line.into_iter().enumerate().filter(|(_, seen)| seen.opacity > 0.0) {
+    for (line, y) in lines.into_iter().zip(frame.top..) {
+        for (seen, x) in line.into_iter().zip(frame.left..).filter(|(seen, _)| seen.opacity > 0.0) {
             // The colour was gathered with its opacity: take that out again, as the
             // page mixes it with what is behind.
-            let [red, green, blue] =
-                seen.colour.map(|channel| (channel / seen.opacity).round().clamp(0.0, 255.0) as u8);
-            let colour = RGBColor(red, green, blue).mix(seen.opacity);
-            page.draw_pixel((frame.left + x as i32, frame.top + y as i32), &colour)?;
+            let colour = seen.colour.map(|channel| (channel / seen.opacity).round() as u8);
+            page.mix(x, y, colour, seen.opacity);
         }
     }
-    Ok(())
 }
 
 /// What a ray has gathered.
@@ -111,9 +102,9 @@ fn march(volume: &Volume, point: DVec3, viewpoint: &Viewpoint, scale: ColourScal
             continue;
         }
         let opacity = (1.0 - seen.opacity) * -(-fog * extinction * step).exp_m1();
-        let RGBColor(red, green, blue) = scale.colour(extinction);
+        let colour = scale.colour(extinction);
         let light = opacity * brightness(volume, at, viewpoint);
-        for (sum, channel) in seen.colour.iter_mut().zip([red, green, blue]) {
+        for (sum, channel) in seen.colour.iter_mut().zip(colour) {
             *sum += light * f64::from(channel);
         }
         seen.opacity += opacity;
@@ -160,7 +151,7 @@ fn trilinear(volume: &Volume, point: DVec3) -> f64 {
 
 /// Draw the edges of the grid but for the three that meet nearest to the viewer, and
 /// say where north and east are.
-fn draw_far_edges(page: &Area<'_>, grid: &Grid, viewpoint: &Viewpoint) -> Drawn {
+fn draw_far_edges(page: &mut Page, grid: &Grid, viewpoint: &Viewpoint) {
     let corner = |bits: usize| {
         let side = DVec3::new((bits & 1) as f64, (bits >> 1 & 1) as f64, (bits >> 2) as f64);
         grid.lower() + side * grid.extent()
@@ -171,25 +162,25 @@ fn draw_far_edges(page: &Area<'_>, grid: &Grid, viewpoint: &Viewpoint) -> Drawn 
             depth(a).total_cmp(&depth(b))
         })
         .unwrap_or(0);
-    let grey = RGBColor(150, 150, 150);
     for from in 0..8_usize {
         for to in [1, 2, 4].map(|bit| from | bit).into_iter().filter(|to| *to != from) {
             if from != nearest && to != nearest {
-                let ends = [corner(from), corner(to)].map(|point| viewpoint.pixel(point));
-                page.draw(&PathElement::new(ends.to_vec(), grey))?;
+                let [from, to] = [from, to].map(|bits| viewpoint.pixel(corner(bits)));
+                page.line(from, to, 1.0, GREY);
             }
         }
     }
-    // The middles of the two sides of the floor that face the viewer.
-    let floor = |x: f64, y: f64| grid.lower() + DVec3::new(x, y, 0.0) * grid.extent();
-    for (at, text, side) in [
-        (floor(0.5, 0.0), format!("x, {:.1} km east", grid.extent().x), HPos::Center),
-        (floor(0.0, 0.5), format!("y, {:.1} km north", grid.extent().y), HPos::Right),
+    // The lengths, at the middles of edges that nothing is in front of.
+    let edge = |x: f64, y: f64, z: f64| grid.lower() + DVec3::new(x, y, z) * grid.extent();
+    for (middle, text, anchor) in [
+        (edge(0.5, 0.0, 0.0), format!("x {:.1} km", grid.extent().x), Anchor::Below),
+        (edge(0.0, 0.5, 0.0), format!("y {:.1} km", grid.extent().y), Anchor::LeftOf),
+        (edge(0.0, 1.0, 0.5), format!("z {:.1} km", grid.extent().z), Anchor::LeftOf),
     ] {
-        let (x, y) = viewpoint.pixel(at);
-        page.draw_text(&text, &letters(TICK, side, VPos::Top), (x, y + 6))?;
+        let at = viewpoint.pixel(middle).as_ivec2();
+        let (dx, dy) = if anchor == Anchor::Below { (0, 8) } else { (-10, 8) };
+        page.text(&text, TICK, anchor, at.x + dx, at.y + dy);
     }
-    Ok(())
 }
 
 #[cfg(test)]
@@ -218,11 +209,11 @@ mod tests {
         let viewpoint = Viewpoint::new(&grid, frame);
         for bits in 0..8 {
             let side = DVec3::new((bits & 1) as f64, (bits >> 1 & 1) as f64, (bits >> 2) as f64);
-            let (x, y) = viewpoint.pixel(grid.lower() + side * grid.extent());
-            assert!((19..=320).contains(&x) && (30..=330).contains(&y), "{x} {y}");
+            let pixel = viewpoint.pixel(grid.lower() + side * grid.extent());
+            assert!((pixel - DVec2::new(170.0, 180.0)).abs().max_element() < 150.01, "{pixel}");
         }
-        let (west, _) = viewpoint.pixel(grid.center() - DVec3::X);
-        let (east, _) = viewpoint.pixel(grid.center() + DVec3::X);
-        assert!(east > west);
+        let [west, east] =
+            [-1.0, 1.0].map(|x| viewpoint.pixel(grid.center() + DVec3::new(x, 0.0, 0.0)));
+        assert!(east.x > west.x);
     }
 }

@@ -1,17 +1,16 @@
 //! The contact sheet: all images of an observation on one page.
 
-use super::page::{Area, Drawn, Frame, LABEL, TICK, TITLE, draw_page, letters};
-use super::panel::{ColourScale, draw_border, draw_colour_bar};
+use super::page::{Anchor, Frame, LABEL, Page, TICK, TITLE};
+use super::panel::{ColourBar, ColourScale, draw_map};
 use crate::error::{Error, Result};
-use crate::image::{Image, ViewStack};
-use plotters::style::text_anchor::{HPos, VPos};
+use crate::image::ViewStack;
 use std::path::Path;
 
 /// The least side of an image on the page (pixels): smaller ones are enlarged by a
 /// whole number.
-const LEAST_SIDE: usize = 160;
+const LEAST_SIDE: usize = 176;
 /// Between images.
-const GAP: i32 = 16;
+const GAP: i32 = 20;
 /// Room for a line of an image's label.
 const LINE: i32 = 20;
 /// Room for the title and the line below it.
@@ -48,44 +47,33 @@ pub fn contact_sheet(
     let down = (views as i32 + across - 1) / across;
     let cell = (width + GAP, height + GAP + lines * LINE);
     let size = [(GAP + across * cell.0 + BAR).max(640), HEAD + down * cell.1];
-    let scale = ColourScale::new(colorous::GREYS, f64::from(images.brightest()));
-    let scale = ColourScale { reversed: true, ..scale };
-    draw_page(path.as_ref(), size, |page| {
-        page.draw_text(title, &letters(TITLE, HPos::Center, VPos::Center), (size[0] / 2, 32))?;
-        let below = letters(LABEL, HPos::Center, VPos::Center);
-        page.draw_text("north up, east to the right", &below, (size[0] / 2, 66))?;
-        for (view, label) in labels.iter().enumerate() {
-            let (column, line) = (view as i32 % across, view as i32 / across);
-            let left = GAP + column * cell.0;
-            let top = HEAD + line * cell.1 + lines * LINE;
-            draw_label(page, label, (left + width / 2, top))?;
-            draw_image(page, Frame { left, top, width, height }, images.image(view), scale)?;
-        }
-        let left = GAP + across * cell.0 + 8;
-        let bar = Frame { left, top: HEAD + lines * LINE, width: 18, height };
-        draw_colour_bar(page, bar, scale, "radiance (sr\u{207b}\u{b9})")
-    })
+    let scale = ColourScale::new(colorous::GREYS, f64::from(images.brightest())).reversed();
+    let mut page = Page::new(size)?;
+    page.text(title, TITLE, Anchor::On, size[0] / 2, 32);
+    page.text("north up, east to the right", LABEL, Anchor::On, size[0] / 2, 66);
+    for (view, label) in labels.iter().enumerate() {
+        let (column, line) = (view as i32 % across, view as i32 / across);
+        let left = GAP + column * cell.0;
+        let top = HEAD + line * cell.1 + lines * LINE;
+        draw_label(&mut page, label, left + width / 2, top);
+        let image = images.image(view);
+        let frame = Frame { left, top, width, height };
+        draw_map(&mut page, frame, (rows, cols), |at| scale.colour(f64::from(image[at])));
+    }
+    let top = HEAD + lines * LINE;
+    let bar = Frame {
+        left: GAP + across * cell.0 + 8,
+        top,
+        width: 18,
+        height: HEAD + down * cell.1 - GAP - top,
+    };
+    ColourBar::linear(scale, "radiance (sr\u{207b}\u{b9})", bar.height).draw(&mut page, bar);
+    page.write(path.as_ref())
 }
 
 /// Write the lines of a label above a point.
-fn draw_label(page: &Area<'_>, label: &str, (x, bottom): (i32, i32)) -> Drawn {
-    let style = letters(TICK, HPos::Center, VPos::Bottom);
+fn draw_label(page: &mut Page, label: &str, x: i32, bottom: i32) {
     for (number, line) in label.lines().rev().enumerate() {
-        page.draw_text(line, &style, (x, bottom - 4 - number as i32 * LINE))?;
+        page.text(line, TICK, Anchor::Above, x, bottom - 4 - number as i32 * LINE);
     }
-    Ok(())
-}
-
-/// Draw an image north up: its last row on top.
-fn draw_image(page: &Area<'_>, frame: Frame, image: Image<'_>, scale: ColourScale) -> Drawn {
-    let (rows, cols) = image.dim();
-    for y in 0..frame.height {
-        let row = (frame.height - 1 - y) as usize * rows / frame.height as usize;
-        for x in 0..frame.width {
-            let col = x as usize * cols / frame.width as usize;
-            let colour = scale.colour(f64::from(image[[row, col]]));
-            page.draw_pixel((frame.left + x, frame.top + y), &colour)?;
-        }
-    }
-    draw_border(page, frame)
 }

@@ -1,14 +1,13 @@
 //! The figure of a volume: slices, projections, solid pictures and, where the truth is
 //! known, a scatter plot.
 
-use super::page::{Area, Drawn, Frame, LABEL, TITLE, draw_page, letters};
-use super::panel::{ColourScale, Panel, PanelAxis, draw_colour_bar};
+use super::page::{Anchor, Frame, LABEL, Page, TITLE};
+use super::panel::{ColourBar, ColourScale, Panel, PanelAxis};
 use super::scatter::draw_scatter;
 use super::shade::draw_solid;
 use crate::error::{Error, Result};
 use crate::grid::{Grid, Volume};
 use ndarray::{Array2, Axis};
-use plotters::style::text_anchor::{HPos, VPos};
 use std::path::Path;
 
 /// Left of a panel: its numbers and label (pixels).
@@ -41,13 +40,16 @@ pub fn volume_figure(
 ) -> Result<()> {
     let path = path.as_ref();
     estimate.check_non_negative("extinction")?;
-    let mut rows = vec![Row { name: "estimate", volume: estimate }];
+    let mut rows = vec![Row { name: "", volume: estimate }];
     if let Some(truth) = truth {
         check_pair(truth, estimate)?;
-        rows.insert(0, Row { name: "truth", volume: truth });
+        let name = |name, volume| Row { name, volume };
+        rows = vec![name("truth", truth), name("estimate", estimate)];
     }
     let figure = Figure::new(&rows);
-    draw_page(path, figure.size(), |page| figure.draw(page, title))
+    let mut page = Page::new(figure.size())?;
+    figure.draw(&mut page, title);
+    page.write(path)
 }
 
 /// An error unless the two volumes can be shown side by side.
@@ -65,10 +67,16 @@ pub(super) fn check_pair(truth: &Volume, estimate: &Volume) -> Result<()> {
     ))
 }
 
-/// A volume and what it is.
+/// A volume and what it is; nothing is said of one that stands alone.
 struct Row<'a> {
     name: &'static str,
     volume: &'a Volume,
+}
+
+impl Row<'_> {
+    fn title(&self, what: &str) -> String {
+        if self.name.is_empty() { what.to_owned() } else { format!("{}, {what}", self.name) }
+    }
 }
 
 /// The sections of a grid: horizontal, west to east and south to north.
@@ -144,21 +152,20 @@ impl<'a> Figure<'a> {
         [self.width(), HEAD + sections + ABOVE + self.solid_side() + BELOW]
     }
 
-    fn draw(&self, page: &Area<'_>, title: &str) -> Drawn {
-        let style = letters(TITLE, HPos::Center, VPos::Center);
-        page.draw_text(title, &style, (self.width() / 2, HEAD / 2))?;
+    fn draw(&self, page: &mut Page, title: &str) {
+        page.text(title, TITLE, Anchor::On, self.width() / 2, HEAD / 2);
         let extinction = self.extinction_scale();
         let mut top = HEAD;
         for row in self.rows {
-            self.draw_slices(page, top, row, extinction)?;
+            self.draw_slices(page, top, row, extinction);
             top += self.row_height();
         }
         let depth = self.depth_scale();
         for row in self.rows {
-            self.draw_depths(page, top, row, depth)?;
+            self.draw_depths(page, top, row, depth);
             top += self.row_height();
         }
-        self.draw_solids(page, top, extinction)
+        self.draw_solids(page, top, extinction);
     }
 
     /// The colours of extinction: common to all volumes.
@@ -167,7 +174,7 @@ impl<'a> Figure<'a> {
         ColourScale::new(colorous::VIRIDIS, f64::from(values.copied().fold(0.0, f32::max)))
     }
 
-    fn draw_slices(&self, page: &Area<'_>, top: i32, row: &Row<'_>, scale: ColourScale) -> Drawn {
+    fn draw_slices(&self, page: &mut Page, top: i32, row: &Row<'_>, scale: ColourScale) {
         let [k, j, i] = self.through;
         let center = self.grid.voxel_center(self.through);
         let sections = [
@@ -178,18 +185,18 @@ impl<'a> Figure<'a> {
         let panels = std::array::from_fn(|number| {
             let (index, at) = &sections[number];
             let slice = row.volume.values.index_axis(SECTIONS[number].axis(), *index);
-            (slice.mapv(f64::from), format!("{}, {at}", row.name))
+            (slice.mapv(f64::from), row.title(at))
         });
-        self.draw_sections(page, top, &panels, (scale, "extinction (km\u{207b}\u{b9})"))
+        self.draw_sections(page, top, &panels, (scale, "extinction (km\u{207b}\u{b9})"));
     }
 
-    fn draw_depths(&self, page: &Area<'_>, top: i32, row: &Row<'_>, scale: ColourScale) -> Drawn {
-        let along = ["vertical", "south to north", "west to east"];
+    fn draw_depths(&self, page: &mut Page, top: i32, row: &Row<'_>, scale: ColourScale) {
+        let along = ["along z", "along y", "along x"];
         let panels = std::array::from_fn(|number| {
             let depth = optical_depth(row.volume, SECTIONS[number]);
-            (depth, format!("{}, {}", row.name, along[number]))
+            (depth, row.title(along[number]))
         });
-        self.draw_sections(page, top, &panels, (scale, "optical depth"))
+        self.draw_sections(page, top, &panels, (scale, "optical depth"));
     }
 
     /// The colours of optical depth: common to all volumes and directions.
@@ -203,11 +210,11 @@ impl<'a> Figure<'a> {
     /// Draw the three sections side by side, standing on one line, and a colour bar.
     fn draw_sections(
         &self,
-        page: &Area<'_>,
+        page: &mut Page,
         top: i32,
         panels: &[(Array2<f64>, String); 3],
         (scale, label): (ColourScale, &str),
-    ) -> Drawn {
+    ) {
         let bottom = top + self.row_height() - BELOW;
         let mut left = 0;
         for (number, (values, title)) in panels.iter().enumerate() {
@@ -215,20 +222,16 @@ impl<'a> Figure<'a> {
             left += LEFT;
             let [right, up] = SECTIONS[number].panel_axes(&self.grid);
             let panel = Panel { title: title.clone(), values: values.view(), right, up, scale };
-            panel.draw(page, Frame { left, top: bottom - height, width, height })?;
+            panel.draw(page, Frame { left, top: bottom - height, width, height });
             left += width;
         }
         let height = self.row_height() - ABOVE - BELOW;
-        draw_colour_bar(
-            page,
-            Frame { left: left + 24, top: bottom - height, width: 18, height },
-            scale,
-            label,
-        )
+        let frame = Frame { left: left + 24, top: bottom - height, width: 18, height };
+        ColourBar::linear(scale, label, height).draw(page, frame);
     }
 
     /// Draw the solid pictures and, where there are two volumes, the scatter plot.
-    fn draw_solids(&self, page: &Area<'_>, top: i32, scale: ColourScale) -> Drawn {
+    fn draw_solids(&self, page: &mut Page, top: i32, scale: ColourScale) {
         let side = self.solid_side();
         let slot = |number: i32| Frame {
             left: LEFT + number * (side + LEFT),
@@ -236,16 +239,17 @@ impl<'a> Figure<'a> {
             width: side,
             height: side,
         };
-        for (number, row) in self.rows.iter().enumerate() {
-            draw_solid(page, slot(number as i32), row.volume, scale)?;
-            let style = letters(LABEL, HPos::Center, VPos::Bottom);
-            let frame = slot(number as i32);
-            page.draw_text(row.name, &style, (frame.middle(), frame.top - 8))?;
+        // One alone stands in the middle.
+        let slots = if self.rows.len() == 1 { [1, 1] } else { [0, 1] };
+        for (row, number) in self.rows.iter().zip(slots) {
+            let frame = slot(number);
+            draw_solid(page, frame, row.volume, scale);
+            let title = row.title("from the south-west");
+            page.text(&title, LABEL, Anchor::Above, frame.middle(), frame.top - 6);
         }
         if let [truth, estimate] = self.rows {
-            draw_scatter(page, slot(2), truth.volume, estimate.volume)?;
+            draw_scatter(page, slot(2), truth.volume, estimate.volume);
         }
-        Ok(())
     }
 }
 
