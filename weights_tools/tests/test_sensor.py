@@ -43,6 +43,16 @@ def test_the_scale_is_that_of_each_scene():
     assert sensed[1, 0].std() / sensed[0, 0].std() == pytest.approx(10.0, rel=0.1)
 
 
+def test_a_part_of_a_scene_is_sensed_by_the_brightest_pixel_of_all():
+    radiance = images(1350.0, 64)
+    sensor = Sensor(read_noise=0.0, bits=24)
+    part = sensor.sense(
+        radiance[:, :1], torch.Generator().manual_seed(1), radiance.amax((1, 2, 3), keepdim=True)
+    )
+    expected = math.sqrt(1350.0) / 13_500 * 0.3
+    assert part.std().item() == pytest.approx(expected, rel=0.1)
+
+
 def test_the_seed_decides():
     first, again, other = (
         Sensor().sense(images(500.0, 16), torch.Generator().manual_seed(seed)) for seed in (1, 1, 2)

@@ -15,7 +15,9 @@ from weights_tools.training import BEST, LAST, Training, learning_rate, loss_of
 RECIPE = Recipe(
     "cloudct-10",
     NetworkRecipe(layers=3),
-    training=TrainingRecipe(epochs=4, batch=2, shift_voxels=1, reduced_precision=False),
+    training=TrainingRecipe(
+        epochs=4, batch=2, shift_voxels=1, crop=6, crop_shift=1, reduced_precision=False
+    ),
 )
 CPU = torch.device("cpu")
 
@@ -113,6 +115,18 @@ def test_another_recipe_or_other_data_are_refused(data, tmp_path):
         Training(recipe, replace(data, identity="other"), tmp_path, CPU)
 
 
+def test_crops_are_near_the_middle_until_the_last_part_of_the_training(data, tmp_path):
+    run = Training(RECIPE, data, tmp_path, CPU)
+    generator = torch.Generator().manual_seed(1)
+    images = torch.zeros(2, 10, 8, 8)
+    crops = [run._crop(images, generator) for _ in range(50)]
+    assert {crop.start for pair in crops for crop in pair} == {0, 1, 2}
+    assert all(crop.stop - crop.start == 6 for pair in crops for crop in pair)
+    assert any(rows.start != cols.start for rows, cols in crops)
+    run.progress = 0.9
+    assert run._crop(images, generator) == (slice(None), slice(None))
+
+
 def test_the_learning_rate_rises_and_falls():
     training = TrainingRecipe(learning_rate=1.0, warmup=0.2)
     rates = [learning_rate(training, progress) for progress in (0.0, 0.1, 0.2, 0.6, 1.0)]
@@ -122,11 +136,12 @@ def test_the_learning_rate_rises_and_falls():
 def test_the_loss_by_hand():
     truth = torch.tensor([[1.0, 3.0], [0.0, 2.0]]).reshape(2, 2, 1, 1)
     estimate = torch.tensor([[2.0, 1.0], [0.0, 2.0]]).reshape(2, 2, 1, 1)
-    # Differences 1, -2, 0, 0: squares sum to 5, amounts to 3; epsilon 3/4 and 0.
+    # Differences 1, -2, 0, 0: squares sum to 5 of 10, amounts to 3 of 4.
     for recipe, expected in (
         (LossRecipe(), 1.25),
-        (LossRecipe(squared=0.0, absolute=2.0), 1.5),
+        (LossRecipe(squared=0.0, squared_by_cloud=1.0), 0.25),
         (LossRecipe(squared=0.0, relative=1.0), 0.375),
+        (LossRecipe(squared=2.0, squared_by_cloud=4.0, relative=2.0), 4.25),
     ):
         assert loss_of(recipe, truth, estimate).item() == pytest.approx(expected)
 

@@ -1,4 +1,4 @@
-"""The command line: ``weights_tools train | export | check``."""
+"""The command line: ``weights_tools train | baselines | export | check``."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from pathlib import Path
 import torch
 
 import weights_tools
+from weights_tools.baselines import baselines
 from weights_tools.check import SIZES, TOLERANCE, check
 from weights_tools.dataset import load_dataset
 from weights_tools.errors import InputError
@@ -43,6 +44,12 @@ def _parser() -> argparse.ArgumentParser:
     train.add_argument("--minutes", type=_positive, help="end after so long in all")
     train.add_argument("--threads", type=int, help="CPU threads (default: all)")
     train.set_defaults(run=_train)
+
+    trivial = verbs.add_parser("baselines", help="scores of answers that take no learning")
+    trivial.add_argument("recipe", type=Path, help="TOML file, for the views and the noise")
+    trivial.add_argument("--dataset", type=Path, required=True, help="folder of `deepct dataset`")
+    trivial.add_argument("--deepct", default="deepct", help="the program (default: on the PATH)")
+    trivial.set_defaults(run=_baselines)
 
     convert = verbs.add_parser("export", help="checkpoint or state dict to safetensors")
     convert.add_argument("checkpoint", type=Path)
@@ -79,6 +86,15 @@ def _train(options: argparse.Namespace) -> int:
         flush=True,
     )
     training.run(options.minutes, lambda line: print(line, flush=True))
+    return 0
+
+
+def _baselines(options: argparse.Namespace) -> int:
+    recipe = load_recipe(options.recipe)
+    data = load_dataset(options.dataset, recipe.formation)
+    answers = baselines(data, recipe.training.seed, recipe.sensor, options.deepct)
+    for name, (epsilon, delta) in answers.items():
+        print(f"epsilon {epsilon:7.4f}  delta {delta:+7.4f}  {name}")
     return 0
 
 

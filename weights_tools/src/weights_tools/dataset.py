@@ -104,9 +104,17 @@ class Dataset:
     geometry: ViewGeometry
     train: Samples
     validation: Samples
+    folder: Path
+    views: tuple[int, ...]
+    """The views of the folder's images that these are."""
     manifest: dict[str, Any]
     identity: str
     """SHA-256 of the manifest, which itself holds the SHA-256 of every sample."""
+
+    def files(self, split: str) -> list[Path]:
+        """The files of a split, in the order of its samples."""
+        samples = self.manifest["samples"]
+        return [self.folder / sample["file"] for sample in samples if sample["split"] == split]
 
     @property
     def name(self) -> str:
@@ -156,7 +164,16 @@ def load_dataset(folder: str | Path, formation: str | None = None) -> Dataset:
         for split in ("train", "validation")
     )
     name = formation or manifest["formation"]
-    return Dataset(name, geometry.select(views), train, validation, manifest, identity)
+    return Dataset(
+        name,
+        geometry.select(views),
+        train,
+        validation,
+        folder,
+        tuple(views),
+        manifest,
+        identity,
+    )
 
 
 def _read_manifest(path: Path) -> tuple[dict[str, Any], str]:

@@ -44,15 +44,16 @@ class ScalingRecipe:
 
 @dataclass(frozen=True)
 class LossRecipe:
-    """What is minimised: a sum of three terms, by their weights; the paper's is the first.
+    """What is minimised: a sum of terms, by their weights; the paper's is the first alone.
 
-    The squared and absolute terms are means over voxels of the scaled extinction; the
-    relative one is the mean over clouds of epsilon, in which a thin cloud counts as
-    much as a thick one.
+    ``squared`` is the mean over voxels of the squared error of the scaled extinction. The
+    others are means over clouds, in which a small or thin cloud counts as much as a large
+    one: ``squared_by_cloud`` of the sum of squared errors over the sum of squares, and
+    ``relative`` of epsilon.
     """
 
     squared: float = 1.0
-    absolute: float = 0.0
+    squared_by_cloud: float = 0.0
     relative: float = 0.0
 
 
@@ -69,6 +70,12 @@ class TrainingRecipe:
     """Share of the training in which the learning rate rises."""
     shift_voxels: int = 0
     """Largest horizontal shift of a cloud and its images, along x and along y."""
+    crop: int = 0
+    """Rows and columns, near the middle, that a step takes of a batch; 0 takes all."""
+    crop_shift: int = 3
+    """Farthest that a crop is off the middle along rows and along columns."""
+    crop_until: float = 0.8
+    """Share of the training after which nothing is cropped any more."""
     reduced_precision: bool = True
     """Convolutions in bfloat16 while training (never when scores are taken)."""
 
@@ -149,6 +156,9 @@ def _check(recipe: Recipe, path: Path) -> None:
         ("training.batch", training.batch >= 2, "at least 2 (batch norm)"),
         ("training.learning_rate", training.learning_rate > 0.0, "positive"),
         ("training.warmup", 0.0 < training.warmup < 1.0, "between 0 and 1"),
+        ("training.crop", training.crop >= 0, "0 or more"),
+        ("training.crop_shift", training.crop_shift >= 0, "0 or more"),
+        ("training.crop_until", 0.0 <= training.crop_until <= 1.0, "between 0 and 1"),
         ("training.shift_voxels", training.shift_voxels >= 0, "0 or more"),
         ("loss", min(getattr(loss, term.name) for term in fields(loss)) >= 0.0, "not negative"),
         ("loss", max(getattr(loss, term.name) for term in fields(loss)) > 0.0, "not all zero"),

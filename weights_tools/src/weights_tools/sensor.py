@@ -49,13 +49,18 @@ class Sensor:
         quantisation = self.electrons_per_count**2 / 12.0
         return electrons + self.dark_charge + self.read_noise**2 + quantisation
 
-    def sense(self, radiance: Tensor, generator: torch.Generator) -> Tensor:
+    def sense(
+        self, radiance: Tensor, generator: torch.Generator, brightest: Tensor | None = None
+    ) -> Tensor:
         """What the sensor makes of ``radiance`` ``[..., view, row, col]`` without noise.
 
-        The brightest pixel over all views of a scene fills its well. The mean dark
+        The brightest pixel over all views of a scene fills its well; ``brightest``
+        ``[..., 1, 1, 1]`` gives its radiance where it is not among these pixels. The mean dark
         charge is subtracted, so a dark pixel may come out slightly negative.
         """
-        scale = self.full_well / radiance.amax((-3, -2, -1), keepdim=True)
+        if brightest is None:
+            brightest = radiance.amax((-3, -2, -1), keepdim=True)
+        scale = self.full_well / brightest
         charge = torch.poisson(radiance * scale + self.dark_charge, generator=generator)
         noise = torch.randn(radiance.shape, generator=generator, device=radiance.device)
         gain = self.electrons_per_count

@@ -17,6 +17,7 @@ from weights_tools.errors import InputError
 from weights_tools.metrics import mass_error, relative_error
 from weights_tools.model import Network
 from weights_tools.recipe import LossRecipe, Recipe, TrainingRecipe
+from weights_tools.sensor import Sensor
 from weights_tools.shift import Shifter
 
 LAST = "last.pt"
@@ -29,6 +30,9 @@ EPOCHS_PER_PICTURE = 10
 
 WAVELENGTH_UM = 0.672
 """Wavelength of the images of a dataset."""
+
+LEAST_CLOUD = 0.1
+"""Least sum that a cloud's error is divided by: a crop may hold a sliver of one."""
 
 _VALIDATION_NOISE = -1
 
@@ -51,8 +55,7 @@ class Training:
             self.shifter = Shifter(
                 data.geometry, data.voxel_spacing_km, recipe.training.shift_voxels
             )
-        generator = _generator(recipe.training.seed, _VALIDATION_NOISE)
-        noisy = recipe.sensor.sense(data.validation.radiance, generator)
+        noisy = validation_images(data, recipe.sensor, recipe.training.seed)
         self.validation = Samples(data.validation.extinction, noisy)
         self.epoch = 0
         self.progress = 0.0
@@ -130,7 +133,10 @@ class Training:
         extinction, radiance = self.data.train.extinction[batch], self.data.train.radiance[batch]
         if self.shifter is not None:
             extinction, radiance = self.shifter.draw(extinction, radiance, generator)
-        images = self._input(self.recipe.sensor.sense(radiance, generator))
+        brightest = radiance.amax((1, 2, 3), keepdim=True)
+        rows, cols = self._crop(radiance, generator)
+        extinction, radiance = extinction[..., rows, cols], radiance[..., rows, cols]
+        images = self._input(self.recipe.sensor.sense(radiance, generator, brightest))
         truth = (extinction / self.recipe.scaling.output_scale).to(self.device)
         for group in self.optimizer.param_groups:
             group["lr"] = rate
@@ -142,6 +148,18 @@ class Training:
         loss.backward()
         self.optimizer.step()
         return loss.item()
+
+    def _crop(self, images: Tensor, generator: torch.Generator) -> tuple[slice, slice]:
+        """The rows and columns that this step takes."""
+        training = self.recipe.training
+        if training.crop == 0 or self.progress >= training.crop_until:
+            return slice(None), slice(None)
+        limit = training.crop_shift
+        shifts = torch.randint(-limit, limit + 1, (2,), generator=generator).tolist()
+        rows, cols = (
+            _part(length, training.crop, shift) for length, shift in zip(images.shape[2:], shifts)
+        )
+        return rows, cols
 
     def _input(self, radiance: Tensor) -> Tensor:
         scaled = radiance * self.recipe.scaling.input_scale
@@ -186,6 +204,17 @@ class Training:
         self.history = checkpoint["history"]
 
 
+def validation_images(data: Dataset, sensor: Sensor, seed: int) -> Tensor:
+    """The validation clouds' images with the one noise that scores are taken with."""
+    return sensor.sense(data.validation.radiance, _generator(seed, _VALIDATION_NOISE))
+
+
+def _part(length: int, crop: int, shift: int) -> slice:
+    """``crop`` of ``length`` lines, ``shift`` off the middle where there is room."""
+    start = min(max((length - crop) // 2 + shift, 0), max(length - crop, 0))
+    return slice(start, start + crop)
+
+
 def learning_rate(training: TrainingRecipe, progress: float) -> float:
     """The learning rate at a share of the training: up along a line, down along a cosine."""
     if progress < training.warmup:
@@ -198,10 +227,13 @@ def loss_of(recipe: LossRecipe, truth: Tensor, estimate: Tensor) -> Tensor:
     """The loss of a batch of scaled extinction ``[n, z, y, x]``."""
     difference = estimate - truth
     loss = recipe.squared * difference.square().mean()
-    if recipe.absolute:
-        loss = loss + recipe.absolute * difference.abs().mean()
+    if recipe.squared_by_cloud:
+        squares = truth.square().sum((1, 2, 3)).clamp_min(LEAST_CLOUD)
+        by_cloud = difference.square().sum((1, 2, 3)) / squares
+        loss = loss + recipe.squared_by_cloud * by_cloud.mean()
     if recipe.relative:
-        epsilon = difference.abs().sum((1, 2, 3)) / truth.sum((1, 2, 3))
+        amounts = truth.sum((1, 2, 3)).clamp_min(LEAST_CLOUD)
+        epsilon = difference.abs().sum((1, 2, 3)) / amounts
         loss = loss + recipe.relative * epsilon.mean()
     return loss
 
@@ -218,7 +250,7 @@ def _generator(seed: int, epoch: int) -> torch.Generator:
 def _metadata(recipe: Recipe, data: Dataset, row: dict[str, float]) -> dict[str, Any]:
     """What a file of these weights says about them, but for the layers."""
     geometry, levels = data.geometry, data.manifest["levels"]
-    bottom = levels["origin_km"]
+    bottom = levels["bottom_km"]
     dx, dy, dz = data.voxel_spacing_km
     return {
         "formation": data.formation,

@@ -1,0 +1,87 @@
+"""Answers that take no learning: what a network has to beat on the validation clouds."""
+
+from __future__ import annotations
+
+import subprocess
+import tempfile
+from pathlib import Path
+
+import h5py
+import numpy as np
+import torch
+from torch import Tensor
+
+from weights_tools.dataset import Dataset
+from weights_tools.errors import InputError
+from weights_tools.sensor import Sensor
+from weights_tools.training import scores, validation_images
+
+CONSTANTS = torch.logspace(-1.0, 2.0, 121, dtype=torch.float64)
+"""Extinctions (1/km) that the carved mask is filled with, to take the best."""
+
+
+def baselines(
+    data: Dataset, seed: int, sensor: Sensor, deepct: str
+) -> dict[str, tuple[float, float]]:
+    """Mean epsilon and delta by name: nothing, the mean training cloud, the carved mask.
+
+    The mask is what ``deepct carve`` makes of the same noisy images that a training with
+    that seed is scored on, filled with the one constant that is best for these clouds.
+
+    Raises :class:`InputError` where ``deepct`` fails.
+    """
+    truth = data.validation.extinction
+    masks = carved_masks(data, validation_images(data, sensor, seed), deepct)
+    epsilon = [scores(float(value) * masks, truth)[0] for value in CONSTANTS]
+    constant = float(CONSTANTS[int(np.argmin(epsilon))])
+    return {
+        "zero": scores(torch.zeros_like(truth), truth),
+        "mean training cloud": scores(data.train.extinction.mean(0).expand_as(truth), truth),
+        f"carved mask filled with {constant:.3g} / km": scores(constant * masks, truth),
+    }
+
+
+def carved_masks(data: Dataset, images: Tensor, deepct: str) -> Tensor:
+    """The masks ``[n, z, y, x]`` (0 or 1) that ``deepct carve`` finds in validation images."""
+    masks = []
+    with tempfile.TemporaryDirectory() as folder:
+        noisy, carved = Path(folder, "images.nc"), Path(folder, "mask.nc")
+        for path, radiance in zip(data.files("validation"), images):
+            _copy_views(path, noisy, data.views, radiance.numpy())
+            command = [deepct, "carve", str(noisy), "--grid", str(path), "--out", str(carved)]
+            try:
+                result = subprocess.run(command, capture_output=True, text=True, check=False)
+            except OSError as problem:
+                remedy = "build it with `cargo build --release` and name it with --deepct"
+                raise InputError(deepct, problem.strerror or "cannot be run", remedy) from None
+            if result.returncode != 0:
+                problem = f"carve failed on {path}: {result.stderr.strip()}"
+                raise InputError(deepct, problem, "see its message")
+            with h5py.File(carved, "r") as file:
+                masks.append(torch.from_numpy(file["mask"][...].astype(np.float32)))
+    return torch.stack(masks)
+
+
+def _copy_views(source: Path, target: Path, views: tuple[int, ...], radiance: np.ndarray) -> None:
+    """The images of a sample with other radiances, and only some of its views."""
+    lengths = dict(zip(("view", "row", "col"), radiance.shape), component=3)
+    with h5py.File(source, "r") as sample, h5py.File(target, "w") as file:
+        for name, length in lengths.items():
+            file[name] = np.arange(length)
+            file[name].make_scale(name)
+        for name, variable in sample.items():
+            dimensions = [dimension.label or _scale(dimension) for dimension in variable.dims]
+            if name in lengths or name == "radiance_standard_error" or "z" in dimensions:
+                continue
+            values = variable[...]
+            if dimensions[:1] == ["view"]:
+                values = radiance if name == "radiance" else values[list(views)]
+            elif dimensions:
+                continue
+            file[name] = values
+            for axis, dimension in enumerate(dimensions):
+                file[name].dims[axis].attach_scale(file[dimension])
+
+
+def _scale(dimension: h5py._hl.dims.DimensionProxy) -> str:
+    return dimension[0].name.strip("/") if len(dimension) else ""

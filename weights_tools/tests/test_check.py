@@ -1,0 +1,34 @@
+"""The same answer from PyTorch and from deepct."""
+
+import os
+import shutil
+
+import pytest
+from conftest import saved, seasoned_network, weights_metadata
+
+from weights_tools.__main__ import main
+from weights_tools.check import TOLERANCE, check
+from weights_tools.export import export
+from weights_tools.model import growing_channels
+
+DEEPCT = os.environ.get("DEEPCT") or shutil.which("deepct")
+
+
+@pytest.mark.skipif(DEEPCT is None, reason="deepct is not on the PATH")
+@pytest.mark.parametrize(("views", "layers"), [(32, 33), (10, 81), (10, 33), (1, 1)])
+def test_deepct_gives_the_answer_of_pytorch(tmp_path, views, layers):
+    network = seasoned_network(growing_channels(views, 32, layers))
+    checkpoint = saved(tmp_path / "network.pt", network, True)
+    export(checkpoint, tmp_path / "w.safetensors", weights_metadata(views, 32))
+    assert max(check(checkpoint, tmp_path / "w.safetensors", DEEPCT)) <= TOLERANCE
+
+
+@pytest.mark.skipif(DEEPCT is None, reason="deepct is not on the PATH")
+def test_other_weights_are_found_out(tmp_path, capsys):
+    for seed in (1, 2):
+        checkpoint = saved(tmp_path / f"{seed}.pt", seasoned_network([3, 8, 4], seed), False)
+        export(checkpoint, tmp_path / f"{seed}.safetensors", weights_metadata(3, 4))
+    command = ["check", str(tmp_path / "1.pt"), "--deepct", DEEPCT, "--weights"]
+    assert main([*command, str(tmp_path / "1.safetensors")]) == 0
+    assert main([*command, str(tmp_path / "2.safetensors")]) == 1
+    assert "DIFFERENT" in capsys.readouterr().out
