@@ -1,0 +1,114 @@
+"""Write the fixtures of parity.rs: small networks and PyTorch's answers in float64.
+
+    python3 crates/deepct-core/tests/parity/generate.py
+
+wants numpy, safetensors and torch. For each network NAME it writes
+
+    NAME.safetensors          the weights as deepct reads them, batch norms beside the
+                              convolutions
+    NAME.answers.safetensors  tensors "{rows}x{cols}", [level, row, col]: the output for
+                              the images that `images` makes, which parity.rs makes too
+"""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import torch
+from safetensors.numpy import save_file
+from torch import nn
+
+FOLDER = Path(__file__).parent
+NETWORKS = {"views-10": ([10, 12, 14], True), "odd": ([3, 17, 5, 33, 2], False)}
+SIZES = ((1, 1), (31, 45), (33, 32))
+
+
+def images(views: int, rows: int, cols: int) -> np.ndarray:
+    """Numbers in [0, 1) of 1/128 that look random; exact in float32."""
+    index = np.arange(views * rows * cols)
+    return ((index * 7919 + index // 97 * 31) % 128 / 128.0).reshape(views, rows, cols)
+
+
+class Layer(nn.Module):
+    """Convolution and batch norm with the statistics of what runs through it."""
+
+    def __init__(self, inputs: int, outputs: int, relu: bool) -> None:
+        super().__init__()
+        self.convolution = nn.Conv2d(inputs, outputs, 3, padding=1)
+        self.norm = nn.BatchNorm2d(outputs)
+        self.relu = relu
+        nn.init.xavier_normal_(self.convolution.weight)
+        nn.init.uniform_(self.convolution.bias, -0.2, 0.2)
+        nn.init.uniform_(self.norm.weight, 0.6, 1.4)
+        nn.init.uniform_(self.norm.bias, -0.3, 0.3)
+
+    def forward(self, values: torch.Tensor) -> torch.Tensor:
+        values = self.norm(self.convolution(values))
+        return values.relu() if self.relu else values
+
+
+def network(channels: list[int], last_relu: bool) -> nn.Sequential:
+    """Layers whose running statistics come from a few batches of noise."""
+    last = len(channels) - 2
+    layers = [
+        Layer(inputs, outputs, last_relu or index < last)
+        for index, (inputs, outputs) in enumerate(zip(channels, channels[1:]))
+    ]
+    result = nn.Sequential(*layers)
+    with torch.no_grad():
+        for _ in range(30):
+            result(torch.rand(8, channels[0], 16, 16))
+    return result.eval()
+
+
+def metadata(channels: list[int], last_relu: bool) -> dict:
+    views, levels = channels[0], channels[-1]
+    return {
+        "format_version": 1,
+        "formation": "none",
+        "architecture": {"channels": channels, "last_relu": last_relu},
+        "view_geometry": {
+            "sun_zenith_deg": 30.0,
+            "sun_azimuth_deg": 45.0,
+            "view_zenith_deg": [2.0 * view for view in range(views)],
+            "view_azimuth_deg": [0.0] * views,
+            "pixel_km": [0.05] * views,
+        },
+        "target_altitude_km": 1.0,
+        "wavelength_um": 0.672,
+        "image_layout": "camera",
+        "horizontal_spacing_km": [0.05, 0.05],
+        "levels": {"bottom_km": 0.5, "count": levels, "spacing_km": 0.04},
+        "input_scale": 1.0,
+        "output_scale": 1.0,
+        "training": {"data": "none", "identity": "none", "samples": 0, "seed": 0},
+        "scores": {},
+        "program": f"generate.py with PyTorch {torch.__version__}",
+        "configuration": None,
+    }
+
+
+def main() -> None:
+    torch.manual_seed(1)
+    for name, (channels, last_relu) in NETWORKS.items():
+        layers = network(channels, last_relu)
+        tensors = {}
+        for index, layer in enumerate(layers):
+            prefix = f"layers.{index}"
+            for key, value in layer.convolution.state_dict().items():
+                tensors[f"{prefix}.{key}"] = value.numpy()
+            for key in ("weight", "bias", "running_mean", "running_var"):
+                tensors[f"{prefix}.batch_norm.{key}"] = getattr(layer.norm, key).detach().numpy()
+        header = {"deepct": json.dumps(metadata(channels, last_relu))}
+        save_file(tensors, FOLDER / f"{name}.safetensors", header)
+        layers.double()
+        answers = {}
+        for rows, cols in SIZES:
+            with torch.no_grad():
+                output = layers(torch.from_numpy(images(channels[0], rows, cols))[None])[0]
+            answers[f"{rows}x{cols}"] = output.float().numpy()
+        save_file(answers, FOLDER / f"{name}.answers.safetensors")
+
+
+if __name__ == "__main__":
+    main()
