@@ -14,7 +14,11 @@ pub(crate) struct Args {
 }
 
 /// The verbs that have settings, and their commented defaults in TOML.
-const DEFAULTS: [(&str, &str); 1] = [("dataset", crate::dataset::DEFAULTS)];
+const DEFAULTS: [(&str, &str); 3] = [
+    ("cloud-cumulus", crate::cloud::CUMULUS),
+    ("cloud-field", crate::cloud::FIELD),
+    ("dataset", crate::dataset::DEFAULTS),
+];
 
 /// The flags of a verb that has settings.
 #[derive(Debug, Clone, clap::Args)]

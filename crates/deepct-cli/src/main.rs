@@ -4,9 +4,11 @@
 //! error, with one message that names what is at fault and the remedy.
 
 mod carve;
+mod cloud;
 mod completions;
 mod config;
 mod dataset;
+mod formats;
 mod global;
 mod infer;
 mod man;
@@ -32,6 +34,7 @@ struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Verb {
+    Cloud(cloud::Args),
     Sense(sense::Args),
     Carve(carve::Args),
     Infer(infer::Args),
@@ -39,6 +42,7 @@ enum Verb {
     Dataset(dataset::Args),
     Weights(weights::Args),
     Plot(plot::Args),
+    Formats(formats::Args),
     Config(config::Args),
     Completions(completions::Args),
     Man(man::Args),
@@ -56,6 +60,7 @@ enum Outcome {
 fn run(cli: Cli) -> deepct_core::Result<Outcome> {
     cli.global.start_threads()?;
     match cli.verb {
+        Verb::Cloud(args) => cloud::run(&args, &cli.global),
         Verb::Sense(args) => sense::run(&args, &cli.global),
         Verb::Carve(args) => carve::run(&args, &cli.global),
         Verb::Infer(args) => infer::run(&args, &cli.global),
@@ -63,6 +68,7 @@ fn run(cli: Cli) -> deepct_core::Result<Outcome> {
         Verb::Dataset(args) => dataset::run(&args, &cli.global),
         Verb::Weights(args) => weights::run(&args),
         Verb::Plot(args) => plot::run(&args),
+        Verb::Formats(args) => formats::run(&args),
         Verb::Config(args) => config::run(&args),
         Verb::Completions(args) => completions::run(&args),
         Verb::Man(args) => man::run(&args),

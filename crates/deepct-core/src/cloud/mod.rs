@@ -4,10 +4,13 @@
 //! generator here; optics turns it into a scattering medium.
 
 mod droplets;
+mod generate;
 mod isolate;
 pub mod resample;
+mod turbulence;
 
 pub use droplets::{LARGEST_RADIUS, effective_radius};
+pub use generate::{CumulusSettings, FieldSettings, adiabatic_liquid_water, cumulus, field};
 pub use isolate::{IsolateSettings, Isolated, isolate};
 
 use crate::error::{Error, Result};

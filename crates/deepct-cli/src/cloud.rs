@@ -1,0 +1,300 @@
+//! `deepct cloud`: clouds made up, or read from elsewhere.
+
+use crate::global::Global;
+use crate::{Outcome, config};
+use deepct_core::cloud::{
+    Cloud, CumulusSettings, FieldSettings, IsolateSettings, cumulus, field, isolate,
+};
+use deepct_core::io::import::{Crop, ImportSettings, import_cloud};
+use deepct_core::io::{Provenance, write_cloud};
+use deepct_core::math::DVec3;
+use deepct_core::optics::extinction;
+use deepct_core::{Error, Result};
+use std::path::{Path, PathBuf};
+
+/// Make up a cloud, or read one from elsewhere
+#[derive(Debug, clap::Args)]
+pub(crate) struct Args {
+    #[command(subcommand)]
+    verb: Verb,
+}
+
+#[derive(Debug, clap::Subcommand)]
+enum Verb {
+    Generate(GenerateArgs),
+    Import(Box<ImportArgs>),
+}
+
+/// The defaults of `cloud generate --kind cumulus`.
+pub(crate) const CUMULUS: &str = "\
+# Number of voxels along z, y, x
+shape = [32, 32, 32]
+# Voxel size along x, y, z (km)
+spacing_km = [0.05, 0.05, 0.04]
+# South-west-bottom corner x, y, z of the grid (km)
+origin_km = [0.0, 0.0, 0.48]
+# Altitude of cloud base (km)
+base_km = 0.56
+# Width of the cloud (km); drawn between 0.5 and 1.1 km where it is not set
+# width_km = 0.8
+# Depth from base to top (km); drawn in proportion to the width where it is not set
+# depth_km = 0.9
+# Number of droplets per cm3
+droplets_per_cm3 = 100.0
+# Share of the adiabatic water that the core has near its base
+adiabatic_fraction = 0.9
+# How far turbulence displaces the outline, as a share of a turret's radius
+turbulence = 0.3
+";
+
+/// The defaults of `cloud generate --kind field`.
+pub(crate) const FIELD: &str = "\
+# Number of voxels along z, y, x
+shape = [36, 128, 128]
+# Voxel size along x, y, z (km)
+spacing_km = [0.05, 0.05, 0.04]
+# South-west-bottom corner x, y, z of the grid (km)
+origin_km = [0.0, 0.0, 0.48]
+# Altitude of cloud base (km)
+base_km = 0.56
+# Share of columns with cloud
+cover = 0.17
+# Width of the smallest and the largest clouds (km)
+widths_km = [0.15, 1.5]
+# The number of clouds per width falls as the width to this power
+size_exponent = -1.7
+# Number of droplets per cm3
+droplets_per_cm3 = 100.0
+# Share of the adiabatic water that a core has near its base
+adiabatic_fraction = 0.9
+# How far turbulence displaces the outline, as a share of a turret's radius
+turbulence = 0.3
+";
+
+/// A random cloud from the built-in generator
+#[derive(Debug, clap::Args)]
+struct GenerateArgs {
+    /// What to make: one cumulus in the middle of its grid, or a periodic field
+    #[arg(long, value_enum, default_value_t = Kind::Cumulus)]
+    kind: Kind,
+    #[command(flatten)]
+    settings: config::Settings,
+    /// File to write
+    #[arg(long, value_name = "C.nc")]
+    out: PathBuf,
+}
+
+#[derive(Debug, Clone, Copy, clap::ValueEnum)]
+enum Kind {
+    Cumulus,
+    Field,
+}
+
+/// Read a large-eddy simulation (netCDF-4) or a pySHDOM or AT3D text file
+///
+/// Liquid water and axes are found by CF conventions or customary names. The field is
+/// brought onto the wanted grid: conservatively onto coarser voxels, linearly onto
+/// finer ones.
+#[derive(Debug, clap::Args)]
+struct ImportArgs {
+    /// File to read
+    file: PathBuf,
+    /// Number of the time step, from 0
+    #[arg(long, default_value_t = 0, value_name = "I")]
+    time: usize,
+    /// Columns of the file to take; wraps around its sides
+    #[arg(long, value_name = "X0,Y0,NX,NY", value_parser = crop)]
+    crop: Option<Crop>,
+    /// Droplets per cm3, from which radii follow; if not given, the file's radii, or 100
+    #[arg(long, value_name = "PER_CM3")]
+    droplets: Option<f64>,
+    /// Density of air (kg/m3) for a mixing ratio in a file without one
+    #[arg(long, value_name = "KG_PER_M3")]
+    air_density: Option<f64>,
+    /// Name of the liquid water variable, if it is not found by itself
+    #[arg(long, value_name = "NAME")]
+    variable: Option<String>,
+    /// Voxel size along x, y, z (km), or "file" to keep the file's
+    #[arg(long, value_name = "DX,DY,DZ", default_value = "0.05,0.05,0.04", value_parser = spacing)]
+    spacing: Spacing,
+    /// Altitude of the lowest voxels' bottom (km)
+    #[arg(long, value_name = "KM")]
+    base: Option<f64>,
+    /// Number of levels
+    #[arg(long, value_name = "N")]
+    levels: Option<usize>,
+    /// Write every isolated cloud by itself, on a square of this many columns, to the
+    /// folder --out
+    #[arg(long, value_name = "COLUMNS")]
+    isolate: Option<usize>,
+    /// Leave out isolated clouds that reach less liquid water path (g/m2) than this
+    #[arg(long, value_name = "G_PER_M2", requires = "isolate",
+          default_value_t = IsolateSettings::default().water_path)]
+    min_water_path: f32,
+    /// File to write; with --isolate, the folder
+    #[arg(long, value_name = "C.nc|DIR")]
+    out: PathBuf,
+}
+
+/// A voxel size, or the file's own.
+#[derive(Debug, Clone, Copy)]
+struct Spacing(Option<DVec3>);
+
+pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
+    match &args.verb {
+        Verb::Generate(args) => generate(args, global),
+        Verb::Import(args) => import(args, global),
+    }
+}
+
+fn generate(args: &GenerateArgs, global: &Global) -> Result<Outcome> {
+    let (cloud, configuration) = match args.kind {
+        Kind::Cumulus => {
+            let settings: CumulusSettings = args.settings.resolve(CUMULUS)?;
+            (cumulus(&settings, global.seed)?, toml::to_string(&settings))
+        }
+        Kind::Field => {
+            let settings: FieldSettings = args.settings.resolve(FIELD)?;
+            (field(&settings, global.seed)?, toml::to_string(&settings))
+        }
+    };
+    let provenance = Provenance {
+        title: "A cloud made up from a seed".into(),
+        configuration: configuration.expect("plain numbers and text"),
+        seed: global.seed,
+    };
+    write(&args.out, &cloud, &provenance, global)
+}
+
+fn import(args: &ImportArgs, global: &Global) -> Result<Outcome> {
+    let settings = ImportSettings {
+        time: args.time,
+        crop: args.crop,
+        droplets_per_cm3: args.droplets,
+        air_density: args.air_density,
+        variable: args.variable.clone(),
+        spacing: args.spacing.0,
+        base: args.base,
+        levels: args.levels,
+    };
+    let cloud = import_cloud(&args.file, &settings)?;
+    let provenance = Provenance {
+        title: "A cloud imported from another file".into(),
+        configuration: toml::to_string(&Resolved::of(args, &cloud)).expect("plain numbers"),
+        seed: global.seed,
+    };
+    match args.isolate {
+        None => write(&args.out, &cloud, &provenance, global),
+        Some(side) => write_isolated(args, side, &cloud, &provenance, global),
+    }
+}
+
+fn write_isolated(
+    args: &ImportArgs,
+    side: usize,
+    cloud: &Cloud,
+    provenance: &Provenance,
+    global: &Global,
+) -> Result<Outcome> {
+    let water_path = args.min_water_path;
+    let settings = IsolateSettings { side, water_path, ..IsolateSettings::default() };
+    let clouds = isolate(cloud, &settings).map_err(Error::in_file(&args.file))?;
+    std::fs::create_dir_all(&args.out).map_err(Error::io(&args.out))?;
+    for (number, isolated) in clouds.iter().enumerate() {
+        let path = args.out.join(format!("cloud_{:04}_{number:03}.nc", args.time));
+        write_cloud(&path, &isolated.cloud, provenance)?;
+        if global.verbose > 0 && !global.quiet {
+            let [row, col] = isolated.corner;
+            println!(
+                "{}: corner {col},{row}, {} columns, up to {:.0} g/m2",
+                path.display(),
+                isolated.columns,
+                isolated.water_path
+            );
+        }
+    }
+    if !global.quiet {
+        println!("{} clouds in {}", clouds.len(), args.out.display());
+    }
+    Ok(Outcome::Success)
+}
+
+fn write(path: &Path, cloud: &Cloud, provenance: &Provenance, global: &Global) -> Result<Outcome> {
+    write_cloud(path, cloud, provenance)?;
+    if global.quiet {
+        return Ok(Outcome::Success);
+    }
+    let extinction = extinction(cloud)?.values;
+    let [nz, ny, nx] = cloud.grid.shape;
+    let step = cloud.grid.spacing;
+    let mut optical_depth = vec![0.0; ny * nx];
+    for ((_, j, i), extinction) in extinction.indexed_iter() {
+        optical_depth[j * nx + i] += f64::from(*extinction) * step.z;
+    }
+    let cloudy = optical_depth.iter().filter(|depth| **depth > 0.1).count();
+    let [dx, dy, dz] = (1e3 * step).to_array();
+    println!("voxels         {nx} x {ny} x {nz} of {dx:.0} x {dy:.0} x {dz:.0} m");
+    println!("cloud cover    {:.3}", cloudy as f64 / optical_depth.len() as f64);
+    println!("optical depth  at most {:.1}", optical_depth.iter().copied().fold(0.0, f64::max));
+    println!("extinction     at most {:.1} km-1", extinction.iter().copied().fold(0.0, f32::max));
+    Ok(Outcome::Success)
+}
+
+/// What the output records of this run.
+#[derive(Debug, serde::Serialize)]
+struct Resolved<'a> {
+    file: &'a Path,
+    time: usize,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    crop: Option<[usize; 4]>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    droplets_per_cm3: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    air_density: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    variable: Option<&'a str>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    isolate: Option<usize>,
+    shape: [usize; 3],
+    spacing_km: [f64; 3],
+    origin_km: [f64; 3],
+}
+
+impl<'a> Resolved<'a> {
+    fn of(args: &'a ImportArgs, cloud: &Cloud) -> Self {
+        Self {
+            file: &args.file,
+            time: args.time,
+            crop: args.crop.map(|crop| [crop.x0, crop.y0, crop.nx, crop.ny]),
+            droplets_per_cm3: args.droplets,
+            air_density: args.air_density,
+            variable: args.variable.as_deref(),
+            isolate: args.isolate,
+            shape: cloud.grid.shape,
+            spacing_km: cloud.grid.spacing.to_array(),
+            origin_km: cloud.grid.origin.to_array(),
+        }
+    }
+}
+
+fn numbers<T: std::str::FromStr, const N: usize>(text: &str) -> Option<[T; N]> {
+    let numbers: Option<Vec<T>> = text.split(',').map(|part| part.trim().parse().ok()).collect();
+    numbers?.try_into().ok()
+}
+
+fn crop(text: &str) -> std::result::Result<Crop, String> {
+    match numbers(text) {
+        Some([x0, y0, nx, ny]) => Ok(Crop { x0, y0, nx, ny }),
+        None => Err("give four whole numbers: X0,Y0,NX,NY".into()),
+    }
+}
+
+fn spacing(text: &str) -> std::result::Result<Spacing, String> {
+    if text == "file" {
+        return Ok(Spacing(None));
+    }
+    match numbers(text) {
+        Some(spacing) => Ok(Spacing(Some(DVec3::from_array(spacing)))),
+        None => Err("give three numbers in km: DX,DY,DZ, or \"file\"".into()),
+    }
+}

@@ -1,0 +1,506 @@
+//! Clouds made up from a seed: shallow cumuli that look like those of a large-eddy
+//! simulation, for when none is at hand.
+//!
+//! A cumulus is a few turrets side by side: columns with a flat base and a rounded top,
+//! leaning with the wind, whose outline is displaced by turbulence. Its water grows with
+//! altitude as in a parcel that rises without mixing; mixing takes a part of it, more
+//! the higher the parcel has come and the nearer it is to the edge.
+
+use super::turbulence::turbulence;
+use super::{Cloud, Microphysics};
+use crate::error::{Error, Result};
+use crate::grid::Grid;
+use crate::math::DVec3;
+use crate::rng::{Purpose, RngExt, Stream, stream};
+use ndarray::parallel::prelude::*;
+use ndarray::{Array3, Axis};
+use serde::{Deserialize, Serialize};
+use std::f64::consts::TAU;
+
+/// A single cumulus in the middle of its grid.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct CumulusSettings {
+    /// Number of voxels along z, y, x.
+    pub shape: [usize; 3],
+    /// Voxel size along x, y, z (km).
+    pub spacing_km: [f64; 3],
+    /// The grid's south-west-bottom corner x, y, z (km).
+    pub origin_km: [f64; 3],
+    /// Altitude of cloud base (km).
+    pub base_km: f64,
+    /// Width of the cloud (km); drawn between 0.5 and 1.1 km where it is not given.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub width_km: Option<f64>,
+    /// Depth of the cloud from base to top (km); drawn in proportion to the width where
+    /// it is not given.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub depth_km: Option<f64>,
+    /// Number of droplets per cm3.
+    pub droplets_per_cm3: f64,
+    /// Share of the adiabatic water that the core has near its base, in (0, 1].
+    pub adiabatic_fraction: f64,
+    /// How far turbulence displaces the outline, as a share of a turret's radius.
+    pub turbulence: f64,
+}
+
+/// A field of cumuli on a periodic domain.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct FieldSettings {
+    /// Number of voxels along z, y, x.
+    pub shape: [usize; 3],
+    /// Voxel size along x, y, z (km).
+    pub spacing_km: [f64; 3],
+    /// The grid's south-west-bottom corner x, y, z (km).
+    pub origin_km: [f64; 3],
+    /// Altitude of cloud base (km).
+    pub base_km: f64,
+    /// Share of columns with cloud, in (0, 0.5].
+    pub cover: f64,
+    /// Width of the smallest and the largest clouds (km).
+    pub widths_km: [f64; 2],
+    /// The number of clouds per width falls as the width to this power.
+    pub size_exponent: f64,
+    /// Number of droplets per cm3.
+    pub droplets_per_cm3: f64,
+    /// Share of the adiabatic water that a core has near its base, in (0, 1].
+    pub adiabatic_fraction: f64,
+    /// How far turbulence displaces the outline, as a share of a turret's radius.
+    pub turbulence: f64,
+}
+
+impl Default for CumulusSettings {
+    /// 32 x 32 columns of 50 m and 32 levels of 40 m, a maritime trade cumulus.
+    fn default() -> Self {
+        Self {
+            shape: [32, 32, 32],
+            spacing_km: [0.05, 0.05, 0.04],
+            origin_km: [0.0, 0.0, 0.48],
+            base_km: 0.56,
+            width_km: None,
+            depth_km: None,
+            droplets_per_cm3: 100.0,
+            adiabatic_fraction: 0.9,
+            turbulence: 0.3,
+        }
+    }
+}
+
+impl Default for FieldSettings {
+    /// 6.4 km x 6.4 km with the cover and the sizes of trade cumuli: the exponent is
+    /// that of Landsat images below 1 km (Cahalan and Joseph 1989).
+    fn default() -> Self {
+        let cumulus = CumulusSettings::default();
+        Self {
+            shape: [36, 128, 128],
+            spacing_km: cumulus.spacing_km,
+            origin_km: cumulus.origin_km,
+            base_km: cumulus.base_km,
+            cover: 0.17,
+            widths_km: [0.15, 1.5],
+            size_exponent: -1.7,
+            droplets_per_cm3: cumulus.droplets_per_cm3,
+            adiabatic_fraction: cumulus.adiabatic_fraction,
+            turbulence: cumulus.turbulence,
+        }
+    }
+}
+
+/// What all clouds of one grid have in common.
+struct Weather<'a> {
+    grid: Grid,
+    turbulence: &'a Array3<f32>,
+    /// The largest value of the turbulence.
+    strongest: f64,
+    base: f64,
+    adiabatic_fraction: f64,
+    displacement: f64,
+    /// Whether clouds reach across the sides and come in again on the other side.
+    periodic: bool,
+}
+
+/// One rising column: where it stands, how wide and how tall it is (km), and how far
+/// it leans to the east and north per km of height.
+struct Turret {
+    x: f64,
+    y: f64,
+    radius: f64,
+    height: f64,
+    lean: [f64; 2],
+}
+
+/// A single cumulus from a seed: the same seed, the same cloud, whatever the number of
+/// threads.
+///
+/// # Errors
+/// A setting out of its range, or a cloud that reaches beyond its grid.
+pub fn cumulus(settings: &CumulusSettings, seed: u64) -> Result<Cloud> {
+    let grid = grid(settings.shape, settings.spacing_km, settings.origin_km)?;
+    check_share("adiabatic_fraction", settings.adiabatic_fraction, 1.0)?;
+    check_turbulence(settings.turbulence)?;
+    check_base(&grid, settings.base_km)?;
+    let mut rng = stream(seed, Purpose::Cloud, &[0]);
+    let widest = 0.85 * grid.extent().x.min(grid.extent().y);
+    let drawn: f64 = rng.random_range(0.5..1.1);
+    let width = settings.width_km.unwrap_or(drawn.min(widest));
+    // A level of clear air remains above the top.
+    let tallest = grid.upper().z - settings.base_km - grid.spacing.z;
+    let drawn = width * rng.random_range(0.8..1.5);
+    let depth = settings.depth_km.unwrap_or(drawn.min(tallest));
+    check_length("width_km", width, widest)?;
+    check_length("depth_km", depth, tallest)?;
+    let turbulence = turbulence(&grid, 0.5 * width, DAMPED * grid.spacing.max_element(), seed);
+    let weather = Weather {
+        grid,
+        strongest: strongest(&turbulence),
+        turbulence: &turbulence,
+        base: settings.base_km,
+        adiabatic_fraction: settings.adiabatic_fraction,
+        displacement: settings.turbulence,
+        periodic: false,
+    };
+    let mut water = Array3::zeros(grid.shape);
+    let center = grid.center();
+    weather.add(&mut water, &turrets(&mut rng, [center.x, center.y], width, depth));
+    let droplets = Microphysics::from_droplet_number(water, settings.droplets_per_cm3)?;
+    Cloud::from_microphysics(grid, droplets)
+}
+
+/// A periodic field of cumuli from a seed. Clouds are added until they cover the
+/// wanted share of columns.
+///
+/// # Errors
+/// A setting out of its range.
+pub fn field(settings: &FieldSettings, seed: u64) -> Result<Cloud> {
+    let grid = grid(settings.shape, settings.spacing_km, settings.origin_km)?;
+    check_share("adiabatic_fraction", settings.adiabatic_fraction, 1.0)?;
+    check_share("cover", settings.cover, 0.5)?;
+    check_turbulence(settings.turbulence)?;
+    check_base(&grid, settings.base_km)?;
+    let [narrowest, widest] = settings.widths_km;
+    check_length("widths_km", widest, 0.85 * grid.extent().x.min(grid.extent().y))?;
+    check_length("widths_km", narrowest, widest)?;
+    let turbulence = turbulence(&grid, 0.5 * widest, DAMPED * grid.spacing.max_element(), seed);
+    let weather = Weather {
+        grid,
+        strongest: strongest(&turbulence),
+        turbulence: &turbulence,
+        base: settings.base_km,
+        adiabatic_fraction: settings.adiabatic_fraction,
+        displacement: settings.turbulence,
+        periodic: true,
+    };
+    let tallest = grid.upper().z - settings.base_km - grid.spacing.z;
+    let mut water = Array3::zeros(grid.shape);
+    let columns = (grid.shape[1] * grid.shape[2]) as f64;
+    // The bound is for settings under which no cloud holds water, such as a domain that
+    // ends just above cloud base.
+    for number in 0..(50.0 * columns) as u64 {
+        let covered = water.fold_axis(Axis(0), 0.0_f32, |most, water: &f32| most.max(*water));
+        let cover = covered.iter().filter(|most| **most > 0.0).count() as f64 / columns;
+        if cover >= settings.cover {
+            break;
+        }
+        let mut rng = stream(seed, Purpose::Cloud, &[number]);
+        let width = power_law(&mut rng, settings.widths_km, settings.size_exponent);
+        let depth = (width * rng.random_range(0.8..1.5)).min(tallest);
+        let place = grid.lower() + grid.extent() * DVec3::new(rng.random(), rng.random(), 0.0);
+        weather.add(&mut water, &turrets(&mut rng, [place.x, place.y], width, depth));
+    }
+    let droplets = Microphysics::from_droplet_number(water, settings.droplets_per_cm3)?;
+    Cloud::from_microphysics(grid, droplets)
+}
+
+/// The liquid water content (g/m3) of a parcel that has risen `height` km above cloud
+/// base without mixing, in the trade-wind atmosphere of BOMEX (Siebesma et al. 2003):
+/// linear between values computed at 100, 250, 500 and 1000 m.
+pub fn adiabatic_liquid_water(height: f64) -> f64 {
+    const TABLE: [(f64, f64); 5] =
+        [(0.0, 0.0), (0.1, 0.26), (0.25, 0.62), (0.5, 1.20), (1.0, 2.26)];
+    let above = TABLE.iter().position(|(known, _)| height <= *known).unwrap_or(4).max(1);
+    let ((h0, w0), (h1, w1)) = (TABLE[above - 1], TABLE[above]);
+    (w0 + (height - h0) / (h1 - h0) * (w1 - w0)).max(0.0)
+}
+
+impl Weather<'_> {
+    /// Add the water of a cloud, across the sides where it reaches them; where there is
+    /// more already it stays.
+    fn add(&self, water: &mut Array3<f32>, turrets: &[Turret]) {
+        let grid = &self.grid;
+        water.axis_iter_mut(Axis(0)).into_par_iter().enumerate().for_each(|(k, mut level)| {
+            let height = grid.voxel_center([k, 0, 0]).z - self.base;
+            if height <= 0.0 {
+                return;
+            }
+            let core = self.adiabatic_fraction
+                * (-height / ENTRAINMENT).exp()
+                * adiabatic_liquid_water(height);
+            for (j, mut row) in level.axis_iter_mut(Axis(0)).enumerate() {
+                let start = grid.voxel_center([k, j, 0]);
+                let near: Vec<_> =
+                    turrets.iter().filter(|turret| turret.reaches(self, start.y, height)).collect();
+                if near.is_empty() {
+                    continue;
+                }
+                for (i, water) in row.iter_mut().enumerate() {
+                    let at = start + DVec3::X * (grid.spacing.x * i as f64);
+                    let depths = near.iter().map(|turret| turret.depth(self, at, height));
+                    let depth = depths.fold(f64::NEG_INFINITY, f64::max)
+                        + self.displacement * f64::from(self.turbulence[[k, j, i]]);
+                    let depth = depth.min(self.clearance(at) / FADING);
+                    if depth > 0.0 {
+                        *water = water.max((core * dilution(depth)) as f32);
+                    }
+                }
+            }
+        });
+    }
+
+    /// How far (km) a point is from where no cloud may be: the topmost level, and the
+    /// outermost columns unless the field is periodic.
+    fn clearance(&self, at: DVec3) -> f64 {
+        let (lower, upper, voxel) = (self.grid.lower(), self.grid.upper(), self.grid.spacing);
+        let top = upper.z - voxel.z - at.z;
+        if self.periodic {
+            return top;
+        }
+        let sides = (at - lower - voxel).min(upper - voxel - at);
+        top.min(sides.x).min(sides.y)
+    }
+}
+
+/// The wave (in voxels) whose power is damped to 1/e.
+const DAMPED: f64 = 4.0;
+
+/// The distance (km) from a side or the top of the grid over which a cloud that reaches
+/// it fades.
+const FADING: f64 = 0.2;
+
+/// The height (km) over which entrained air takes all but 1/e of a core's share of the
+/// adiabatic water.
+const ENTRAINMENT: f64 = 1.5;
+
+/// The share of its core's water that a cloud keeps at a depth below its outline, as a
+/// share of a turret's radius: air mixed in from the side leaves a third near the edge.
+fn dilution(depth: f64) -> f64 {
+    0.15 + 0.85 * (1.0 - (-depth / 0.5).exp())
+}
+
+impl Turret {
+    /// How far (km) the axis of the turret is from a coordinate at a height, the nearest
+    /// way around the domain. `axis` is 0 for x and 1 for y.
+    fn offset(&self, weather: &Weather, axis: usize, at: f64, height: f64) -> f64 {
+        let period = weather.grid.extent()[axis];
+        let distance = at - [self.x, self.y][axis] - self.lean[axis] * height;
+        distance - period * (distance / period).round()
+    }
+
+    /// Whether the turret, displaced as far as it is anywhere, can touch a row.
+    fn reaches(&self, weather: &Weather, y: f64, height: f64) -> bool {
+        let most = 1.0 + weather.displacement * weather.strongest;
+        self.offset(weather, 1, y, height).abs() < most * self.radius
+    }
+
+    /// How deep inside the turret a point is, as a share of its radius; negative
+    /// outside. The turret bulges up to two thirds of its height and is round above.
+    fn depth(&self, weather: &Weather, at: DVec3, height: f64) -> f64 {
+        let east = self.offset(weather, 0, at.x, height);
+        let north = self.offset(weather, 1, at.y, height);
+        let rise = height / self.height;
+        let bulge = 0.6;
+        let outline = if rise < bulge {
+            0.8 + 0.2 * rise / bulge
+        } else {
+            let round = (rise - bulge) / (1.0 - bulge);
+            // Above the top the outline shrinks further, so that depth keeps falling.
+            if round < 1.0 { (1.0 - round * round).sqrt() } else { 2.0 * (1.0 - round) }
+        };
+        outline - east.hypot(north) / self.radius
+    }
+}
+
+/// The turrets of a cloud of the given width and depth (km) around a place: a main one,
+/// and lower ones around it.
+fn turrets(rng: &mut Stream, [x, y]: [f64; 2], width: f64, depth: f64) -> Vec<Turret> {
+    let radius = 0.5 * width;
+    let wind = [rng.random_range(-0.3..0.3), rng.random_range(-0.3..0.3)];
+    // The middle of the main turret, not its foot, is where the cloud is.
+    let foot = |at: f64, axis: usize| at - 0.5 * depth * wind[axis];
+    let main =
+        Turret { x: foot(x, 0), y: foot(y, 1), radius: 0.45 * radius, height: depth, lean: wind };
+    let count = rng.random_range(3..7);
+    let turn = rng.random_range(0.0..TAU);
+    let around = (0..count).map(|number| {
+        let angle = turn + TAU * f64::from(number) / f64::from(count) + rng.random_range(-0.5..0.5);
+        let size = radius * rng.random_range(0.25..0.5);
+        let distance = (radius - size) * rng.random_range(0.6..1.0);
+        Turret {
+            x: x + distance * angle.sin(),
+            y: y + distance * angle.cos(),
+            radius: size,
+            height: depth * rng.random_range(0.2..0.7),
+            lean: wind.map(|wind| wind + rng.random_range(-0.2..0.2)),
+        }
+    });
+    std::iter::once(main).chain(around).collect()
+}
+
+fn strongest(turbulence: &Array3<f32>) -> f64 {
+    f64::from(turbulence.iter().copied().fold(0.0, f32::max))
+}
+
+/// A number between two limits whose density falls as a power.
+fn power_law(rng: &mut Stream, [low, high]: [f64; 2], exponent: f64) -> f64 {
+    let uniform: f64 = rng.random();
+    let power = exponent + 1.0;
+    if power.abs() < 1e-9 {
+        return low * (high / low).powf(uniform);
+    }
+    (low.powf(power) + uniform * (high.powf(power) - low.powf(power))).powf(power.recip())
+}
+
+fn grid(shape: [usize; 3], spacing: [f64; 3], origin: [f64; 3]) -> Result<Grid> {
+    Grid::new(DVec3::from_array(origin), DVec3::from_array(spacing), shape)
+}
+
+fn check_share(name: &'static str, value: f64, most: f64) -> Result<()> {
+    if value > 0.0 && value <= most {
+        return Ok(());
+    }
+    Err(Error::out_of_range(name, value, format!("above 0 and at most {most}")))
+}
+
+fn check_length(name: &'static str, value: f64, most: f64) -> Result<()> {
+    if value > 0.0 && value <= most {
+        return Ok(());
+    }
+    let range = format!("above 0 and at most {most:.3} km, which fits into the grid");
+    Err(Error::out_of_range(name, value, range))
+}
+
+fn check_turbulence(value: f64) -> Result<()> {
+    if (0.0..=1.0).contains(&value) {
+        return Ok(());
+    }
+    Err(Error::out_of_range("turbulence", value, "between 0 and 1"))
+}
+
+fn check_base(grid: &Grid, base: f64) -> Result<()> {
+    let top = grid.upper().z - 2.0 * grid.spacing.z;
+    if base >= grid.lower().z && base <= top {
+        return Ok(());
+    }
+    let range = format!("between {} and {top} km, within the grid", grid.lower().z);
+    Err(Error::out_of_range("base_km", base, range))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn water(cloud: &Cloud) -> &Array3<f32> {
+        &cloud.microphysics.as_ref().unwrap().liquid_water_content
+    }
+
+    #[test]
+    fn the_same_seed_is_the_same_cloud_for_any_number_of_threads() {
+        let make = |threads: usize, seed: u64| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| {
+                let small = FieldSettings { shape: [24, 48, 48], ..FieldSettings::default() };
+                let small = FieldSettings { widths_km: [0.15, 0.8], ..small };
+                (cumulus(&CumulusSettings::default(), seed), field(&small, seed))
+            })
+        };
+        let (first, second) = (make(1, 5), make(3, 5));
+        assert_eq!(first.0.unwrap(), second.0.unwrap());
+        assert_eq!(first.1.unwrap(), second.1.unwrap());
+        assert_ne!(make(1, 6).0.unwrap(), make(1, 5).0.unwrap());
+    }
+
+    /// Water only between the base and the top level, never in the outermost columns,
+    /// never more than adiabatic, and as thick as shallow cumuli are.
+    #[test]
+    fn cumuli_look_like_cumuli() {
+        let settings = CumulusSettings::default();
+        for seed in 0..30 {
+            let cloud = cumulus(&settings, seed).unwrap();
+            let [nz, ny, nx] = cloud.grid.shape;
+            let mut path = ndarray::Array2::<f32>::zeros((ny, nx));
+            let mut lowest = nz;
+            for ((k, j, i), &water) in water(&cloud).indexed_iter() {
+                if water == 0.0 {
+                    continue;
+                }
+                let height = cloud.grid.voxel_center([k, j, i]).z - settings.base_km;
+                assert!(f64::from(water) <= adiabatic_liquid_water(height), "seed {seed}");
+                assert!(k < nz - 1 && (1..ny - 1).contains(&j) && (1..nx - 1).contains(&i));
+                lowest = lowest.min(k);
+                path[[j, i]] +=
+                    1500.0 * water / crate::cloud::effective_radius(water, 100.0) * 0.04;
+            }
+            // The first level whose centre is above the base at 0.56 km.
+            assert_eq!(lowest, 2, "seed {seed} has no flat base");
+            let thickest = path.iter().copied().fold(0.0, f32::max);
+            assert!((10.0..100.0).contains(&thickest), "seed {seed}: optical depth {thickest}");
+        }
+    }
+
+    #[test]
+    fn a_field_has_the_wanted_cover() {
+        let settings = FieldSettings { cover: 0.12, ..FieldSettings::default() };
+        let cloud = field(&settings, 4).unwrap();
+        let highest = water(&cloud).fold_axis(Axis(0), 0.0_f32, |most, water| most.max(*water));
+        let cover = highest.iter().filter(|most| **most > 0.0).count() as f64 / 128.0 / 128.0;
+        // The last cloud may overshoot by its own size, at most 1.5 km across.
+        assert!((0.12..0.18).contains(&cover), "cover {cover}");
+    }
+
+    #[test]
+    fn sizes_follow_the_power_law() {
+        // The median of the density D^-1.7 between 0.1 and 1 by its integral.
+        let mut rng = stream(1, Purpose::Cloud, &[]);
+        let mut widths: Vec<_> =
+            (0..20_001).map(|_| power_law(&mut rng, [0.1, 1.0], -1.7)).collect();
+        widths.sort_by(f64::total_cmp);
+        let cumulative = |d: f64| (0.1_f64.powf(-0.7) - d.powf(-0.7)) / (0.1_f64.powf(-0.7) - 1.0);
+        assert!((cumulative(widths[10_000]) - 0.5).abs() < 0.015);
+        assert!(widths[0] >= 0.1 && widths[20_000] <= 1.0);
+    }
+
+    #[test]
+    fn the_adiabatic_water_is_that_of_the_table() {
+        for (height, water) in [(-0.1, 0.0), (0.0, 0.0), (0.1, 0.26), (0.25, 0.62), (1.0, 2.26)] {
+            assert!((adiabatic_liquid_water(height) - water).abs() < 1e-12);
+        }
+        assert!((adiabatic_liquid_water(0.75) - 1.73).abs() < 1e-12);
+        assert!(adiabatic_liquid_water(1.5) > 2.26);
+    }
+
+    #[test]
+    fn settings_out_of_range_are_refused() {
+        let default = CumulusSettings::default;
+        for wrong in [
+            CumulusSettings { shape: [0, 1, 1], ..default() },
+            CumulusSettings { spacing_km: [0.05, -0.05, 0.04], ..default() },
+            CumulusSettings { base_km: 0.3, ..default() },
+            CumulusSettings { base_km: f64::NAN, ..default() },
+            CumulusSettings { width_km: Some(2.0), ..default() },
+            CumulusSettings { depth_km: Some(0.0), ..default() },
+            CumulusSettings { droplets_per_cm3: 0.0, ..default() },
+            CumulusSettings { adiabatic_fraction: 1.1, ..default() },
+            CumulusSettings { turbulence: -0.1, ..default() },
+        ] {
+            assert!(cumulus(&wrong, 1).is_err(), "{wrong:?}");
+        }
+        let default = FieldSettings::default;
+        for wrong in [
+            FieldSettings { cover: 0.0, ..default() },
+            FieldSettings { widths_km: [0.5, 0.2], ..default() },
+            FieldSettings { widths_km: [0.5, 9.0], ..default() },
+        ] {
+            assert!(field(&wrong, 1).is_err(), "{wrong:?}");
+        }
+    }
+}
