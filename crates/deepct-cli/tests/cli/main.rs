@@ -1,6 +1,7 @@
 //! The real program, driven as a user does: its files, its words, its exit status.
 
 mod carve;
+mod cloud;
 mod infer;
 mod program;
 mod score;
