@@ -14,6 +14,7 @@ mod infer;
 mod man;
 mod plot;
 mod progress;
+mod render;
 mod score;
 mod sense;
 mod weights;
@@ -35,6 +36,7 @@ struct Cli {
 #[derive(Debug, Subcommand)]
 enum Verb {
     Cloud(cloud::Args),
+    Render(render::Args),
     Sense(sense::Args),
     Carve(carve::Args),
     Infer(infer::Args),
@@ -61,6 +63,7 @@ fn run(cli: Cli) -> deepct_core::Result<Outcome> {
     cli.global.start_threads()?;
     match cli.verb {
         Verb::Cloud(args) => cloud::run(&args, &cli.global),
+        Verb::Render(args) => render::run(&args, &cli.global),
         Verb::Sense(args) => sense::run(&args, &cli.global),
         Verb::Carve(args) => carve::run(&args, &cli.global),
         Verb::Infer(args) => infer::run(&args, &cli.global),

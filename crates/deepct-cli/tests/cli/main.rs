@@ -4,5 +4,6 @@ mod carve;
 mod cloud;
 mod infer;
 mod program;
+mod render;
 mod score;
 mod sense;

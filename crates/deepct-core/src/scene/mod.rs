@@ -2,9 +2,11 @@
 
 mod formation;
 mod view;
+mod view_list;
 
 pub use formation::{EARTH_RADIUS_KM, Formation};
 pub use view::{Projection, View, target};
+pub use view_list::{VIEW_FILE_HELP, ViewList};
 
 use crate::error::{Error, Result};
 use crate::image::{ViewGeometry, ViewStack};

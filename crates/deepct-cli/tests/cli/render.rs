@@ -1,0 +1,71 @@
+use crate::program::Program;
+use deepct_core::cloud::Cloud;
+use deepct_core::grid::{Grid, Volume};
+use deepct_core::io::{Provenance, read_observation, write_cloud};
+use deepct_core::math::DVec3;
+use ndarray::Array3;
+
+/// A block of cloud in the middle of a grid of 6 x 7 columns.
+fn cloud(program: &Program, name: &str) {
+    let spacing = DVec3::new(0.05, 0.05, 0.04);
+    let grid = Grid::new(DVec3::new(0.0, 0.0, 0.6), spacing, [5, 6, 7]).unwrap();
+    let inside = |(k, j, i): (usize, usize, usize)| k > 0 && (2..4).contains(&j) && i > 1 && i < 5;
+    let extinction =
+        Array3::from_shape_fn(grid.shape, |voxel| if inside(voxel) { 40.0 } else { 0.0 });
+    let cloud = Cloud::from_extinction(Volume::new(grid, extinction).unwrap()).unwrap();
+    let provenance = Provenance { title: "A test".into(), configuration: String::new(), seed: 0 };
+    write_cloud(program.path(name), &cloud, &provenance).unwrap();
+}
+
+#[test]
+fn images_have_the_views_and_the_size_of_the_grid() {
+    let program = Program::new();
+    cloud(&program, "C.nc");
+    let command = "render C.nc --views cloudct-10 --samples 16 --surface-albedo 0";
+    program.succeed(&format!("{command} --out I.nc"));
+    program.succeed(&format!("{command} --out same.nc --threads 1"));
+    program.succeed(&format!("{command} --out other.nc --seed 2"));
+    let read = |name: &str| read_observation(program.path(name)).unwrap();
+    let observation = read("I.nc");
+    assert_eq!(observation, read("same.nc"));
+    assert_ne!(observation, read("other.nc"));
+    assert_eq!(observation.images.shape(), [10, 6, 7]);
+    assert_eq!(observation.geometry().sun_zenith_deg.round(), 30.0);
+    // View 5 looks straight down: cloud in the middle, a black surface around it.
+    let nadir = observation.images.image(5);
+    assert!(nadir.sum() > 0.1, "{nadir}");
+    assert!(nadir[[0, 0]] == 0.0 && nadir[[5, 6]] == 0.0, "{nadir}");
+    assert!(observation.standard_error.unwrap().image(5)[[2, 3]] > 0.0);
+}
+
+#[test]
+fn views_of_a_file() {
+    let program = Program::new();
+    cloud(&program, "C.nc");
+    let views = "image_size = [3, 4]\n[[view]]\nview_zenith_deg = 20.0\nview_azimuth_deg = 270.0\n\
+                 pixel_km = 0.1\n";
+    std::fs::write(program.path("views.toml"), views).unwrap();
+    program.succeed("render C.nc --views views.toml --samples 4 --sun-zenith 60 --out I.nc");
+    let observation = read_observation(program.path("I.nc")).unwrap();
+    assert_eq!(observation.images.shape(), [1, 3, 4]);
+    assert!((observation.geometry().view_azimuth_deg[0] - 270.0).abs() < 1e-9);
+    assert!((observation.geometry().sun_zenith_deg - 60.0).abs() < 1e-9);
+}
+
+#[test]
+fn wrong_input_is_refused() {
+    let program = Program::new();
+    cloud(&program, "C.nc");
+    std::fs::write(program.path("bad.toml"), "[[view]]\nzenith = 20.0\n").unwrap();
+    std::fs::write(program.path("text.nc"), "not an HDF5 file").unwrap();
+    program.refuse("render none.nc --views cloudct-10 --out I.nc", &["none.nc"]);
+    program.refuse("render text.nc --views cloudct-10 --out I.nc", &["text.nc", "HDF5"]);
+    program.refuse("render C.nc --views cloudct-11 --out I.nc", &["cloudct-11", "pearls-32"]);
+    program.refuse("render C.nc --views bad.toml --out I.nc", &["bad.toml", "zenith"]);
+    let refuse = |option: &str, words: &[&str]| {
+        program.refuse(&format!("render C.nc --views cloudct-10 {option} --out I.nc"), words);
+    };
+    refuse("--samples 1", &["samples", "at least 2"]);
+    refuse("--sun-zenith 95", &["solar zenith", "95"]);
+    refuse("--surface-albedo 1.5", &["surface albedo", "1.5"]);
+}

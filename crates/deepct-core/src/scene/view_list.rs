@@ -1,0 +1,241 @@
+//! Lists of views as users name them: a preset formation, or a TOML file.
+
+use super::{Formation, View};
+use crate::error::{Error, Result};
+use crate::math::{DVec3, towards};
+use serde::Deserialize;
+use std::path::Path;
+
+/// What a file of views holds, for messages and help texts.
+pub const VIEW_FILE_HELP: &str = "\
+A file of views holds either one [string_of_pearls] or a [[view]] for each view:
+
+    [string_of_pearls]           # satellites in line on one orbit, as on a curved Earth
+    satellites = 32
+    arc_km = 100.0               # from one to the next, along the orbit
+    overhead = 16                # the one over the target, counted from 0
+    altitude_km = 600.0
+    pixel_km = 0.05              # size of a pixel straight below the satellite
+    track_azimuth_deg = 0.0      # optional: where they fly to, clockwise from north
+
+    [[view]]                     # a perspective camera
+    view_zenith_deg = 26.0       # at the target, from +z towards the camera
+    view_azimuth_deg = 90.0      # towards the camera, clockwise from north
+    altitude_km = 600.0
+    pixel_km = 0.05              # size of a pixel straight below the camera
+
+    [[view]]                     # no altitude: parallel rays
+    view_zenith_deg = 0.0
+    view_azimuth_deg = 0.0
+    pixel_km = 0.05              # size of a pixel in the horizontal plane
+
+Optional above these: target_km = [x, y, z], the point in the middle of every image
+(the centre of the cloud's grid); image_size = [rows, cols] (that of the grid).";
+
+/// The views of a scene before it is known where the scene is.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ViewList {
+    target: Option<DVec3>,
+    image_size: Option<[usize; 2]>,
+    cameras: Cameras,
+}
+
+#[derive(Debug, Clone, PartialEq)]
+enum Cameras {
+    Formation(Formation),
+    Single(Vec<Camera>),
+}
+
+/// A file of views as it is written; see [`VIEW_FILE_HELP`].
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ViewFile {
+    target_km: Option<[f64; 3]>,
+    image_size: Option<[usize; 2]>,
+    string_of_pearls: Option<StringOfPearls>,
+    #[serde(default)]
+    view: Vec<Camera>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct StringOfPearls {
+    satellites: u16,
+    arc_km: f64,
+    overhead: u16,
+    altitude_km: f64,
+    pixel_km: f64,
+    #[serde(default)]
+    track_azimuth_deg: f64,
+}
+
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Camera {
+    view_zenith_deg: f64,
+    view_azimuth_deg: f64,
+    altitude_km: Option<f64>,
+    pixel_km: f64,
+}
+
+impl ViewList {
+    /// The preset formation of that name, or else the file at that path.
+    ///
+    /// # Errors
+    /// Neither a preset nor a file; a file that cannot be read; a missing or unknown
+    /// key; a number out of range.
+    pub fn find(name: &str) -> Result<Self> {
+        if let Some(formation) = Formation::preset(name) {
+            let cameras = Cameras::Formation(formation);
+            return Ok(Self { target: None, image_size: None, cameras });
+        }
+        let path = Path::new(name);
+        if !path.exists() {
+            let presets = Formation::PRESETS.join(", ");
+            let range = format!("the name of a formation ({presets}) or a TOML file of views");
+            return Err(Error::out_of_range("views", format!("\"{name}\""), range));
+        }
+        let text = std::fs::read_to_string(path).map_err(Error::io(path))?;
+        let list = Self::parse(&text).map_err(|problem| {
+            Error::file(path, "views", problem, "see `deepct render --help` for what it holds")
+        })?;
+        // Numbers out of range show here and not after the scene was read.
+        list.views(DVec3::ZERO, [1, 1]).map_err(Error::in_file(path))?;
+        Ok(list)
+    }
+
+    fn parse(text: &str) -> std::result::Result<Self, String> {
+        let file: ViewFile =
+            toml::from_str(text).map_err(|problem| problem.message().replace('\n', " "))?;
+        let cameras = match (file.string_of_pearls, file.view.is_empty()) {
+            (Some(pearls), true) => Cameras::Formation(pearls.formation()?),
+            (None, false) => Cameras::Single(file.view),
+            (Some(_), false) => return Err("has both [string_of_pearls] and [[view]]".into()),
+            (None, true) => return Err("has neither [string_of_pearls] nor [[view]]".into()),
+        };
+        let target = file.target_km.map(DVec3::from_array);
+        Ok(Self { target, image_size: file.image_size, cameras })
+    }
+
+    /// The views with images of `[rows, cols]` pixels around `target` (km), unless
+    /// the list says otherwise.
+    ///
+    /// # Errors
+    /// A number out of range.
+    pub fn views(&self, target: DVec3, image_size: [usize; 2]) -> Result<Vec<View>> {
+        let target = self.target.unwrap_or(target);
+        let size = self.image_size.unwrap_or(image_size);
+        match &self.cameras {
+            Cameras::Formation(formation) => formation.views(target, size),
+            Cameras::Single(cameras) => {
+                cameras.iter().map(|camera| camera.view(target, size)).collect()
+            }
+        }
+    }
+}
+
+impl StringOfPearls {
+    fn formation(&self) -> std::result::Result<Formation, String> {
+        if self.overhead >= self.satellites {
+            return Err(format!(
+                "overhead is {}, but must be below the number of satellites, {}",
+                self.overhead, self.satellites
+            ));
+        }
+        let first = -i32::from(self.overhead);
+        let last = first + i32::from(self.satellites) - 1;
+        let formation = Formation::string_of_pearls(self.altitude_km, self.arc_km, first..=last)
+            .map_err(|problem| problem.to_string())?;
+        let track_azimuth = self.track_azimuth_deg.to_radians();
+        Ok(Formation { track_azimuth, pixel_km: self.pixel_km, ..formation })
+    }
+}
+
+impl Camera {
+    fn view(&self, target: DVec3, size: [usize; 2]) -> Result<View> {
+        let zenith = self.view_zenith_deg.to_radians();
+        let azimuth = self.view_azimuth_deg.to_radians();
+        let Some(altitude) = self.altitude_km else {
+            return View::orthographic(towards(zenith, azimuth), target, self.pixel_km, size);
+        };
+        if !(altitude.is_finite() && altitude > 0.0) {
+            return Err(Error::out_of_range("altitude_km", altitude, "positive and finite"));
+        }
+        let alone = Formation {
+            altitude,
+            track_azimuth: azimuth,
+            view_zeniths: vec![zenith],
+            pixel_km: self.pixel_km,
+        };
+        Ok(alone.views(target, size)?.remove(0))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const TARGET: DVec3 = DVec3::new(0.8, 0.8, 1.0);
+
+    /// The example of the help text is in fact a file, but for its two halves.
+    fn example(start: &str, end: &str) -> String {
+        let (_, rest) = VIEW_FILE_HELP.split_once(start).unwrap();
+        let (part, _) = rest.split_once(end).unwrap();
+        format!("{start}{part}")
+    }
+
+    #[test]
+    fn a_string_of_pearls_is_the_formation() {
+        let list = ViewList::parse(&example("[string_of_pearls]  ", "[[view]]  ")).unwrap();
+        let pearls = Formation::string_of_pearls(600.0, 100.0, -16..=15).unwrap();
+        assert_eq!(list.views(TARGET, [32, 32]).unwrap(), pearls.views(TARGET, [32, 32]).unwrap());
+    }
+
+    #[test]
+    fn single_views_are_perspective_or_orthographic() {
+        let list = ViewList::parse(&example("[[view]]  ", "Optional")).unwrap();
+        let views = list.views(TARGET, [8, 9]).unwrap();
+        let formation = Formation {
+            altitude: 600.0,
+            track_azimuth: 90_f64.to_radians(),
+            view_zeniths: vec![26_f64.to_radians()],
+            pixel_km: 0.05,
+        };
+        assert_eq!(views[0], formation.views(TARGET, [8, 9]).unwrap()[0]);
+        assert_eq!(views[1], View::orthographic(DVec3::Z, TARGET, 0.05, [8, 9]).unwrap());
+    }
+
+    #[test]
+    fn a_file_may_set_the_target_and_the_size() {
+        let view = example("[[view]]  ", "Optional");
+        let text = format!("target_km = [1.0, 2.0, 3.0]\nimage_size = [4, 5]\n{view}");
+        let views = ViewList::parse(&text).unwrap().views(TARGET, [32, 32]).unwrap();
+        assert_eq!(views[0].target, DVec3::new(1.0, 2.0, 3.0));
+        assert_eq!((views[1].rows, views[1].cols), (4, 5));
+    }
+
+    #[test]
+    fn wrong_files_are_refused_by_name() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("views.toml");
+        let pearls = example("[string_of_pearls]  ", "[[view]]  ");
+        let view = example("[[view]]  ", "Optional");
+        for wrong in [
+            String::new(),
+            format!("{pearls}{view}"),
+            pearls.replace("arc_km", "arc"),
+            pearls.replace("overhead = 16", "overhead = 32"),
+            pearls.replace("arc_km = 100.0", "arc_km = 1000.0"),
+            view.replace("view_zenith_deg = 26.0", "view_zenith_deg = 120.0"),
+            view.replace("pixel_km = 0.05 ", "pixel_km = -1.0 "),
+            view.replace("altitude_km = 600.0", "altitude_km = 0.0"),
+            format!("image_size = [0, 4]\n{view}"),
+        ] {
+            std::fs::write(&path, &wrong).unwrap();
+            let message = ViewList::find(path.to_str().unwrap()).unwrap_err().to_string();
+            assert!(message.contains("views.toml"), "{message}\n{wrong}");
+        }
+        let message = ViewList::find("cloudct-11").unwrap_err().to_string();
+        assert!(message.contains("cloudct-10"), "{message}");
+    }
+}
