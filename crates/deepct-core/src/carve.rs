@@ -31,8 +31,12 @@ pub struct CarveSettings {
 }
 
 impl Default for CarveSettings {
+    /// A threshold that is found, and an agreement of 0.8: on single BOMEX clouds
+    /// with the noise of a CMV4000 this loses 0.3 % of the extinction with ten views
+    /// and 0.6 % with 32, and keeps 6 % and 4 % of the voxels, of which half a percent
+    /// hold cloud. An agreement of 1 would lose 2 % and 8 %.
     fn default() -> Self {
-        Self { threshold: None, agreement: 0.9 }
+        Self { threshold: None, agreement: 0.8 }
     }
 }
 

@@ -3,6 +3,7 @@
 mod carve;
 mod cloud;
 mod infer;
+mod plot;
 mod program;
 mod render;
 mod score;

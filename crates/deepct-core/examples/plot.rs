@@ -1,0 +1,41 @@
+//! Pictures of a volume beside the truth, of their scatter plot, and of images.
+//!
+//! `cargo run --release --example plot [FOLDER]`: without a folder the pictures go to
+//! the system's folder for temporary files.
+
+use deepct_core::grid::{Grid, Volume};
+use deepct_core::image::ViewStack;
+use deepct_core::math::DVec3;
+use deepct_core::plot::{contact_sheet, scatter_figure, volume_figure};
+use deepct_core::{Error, Result};
+use ndarray::Array3;
+
+fn main() -> Result<()> {
+    let folder = std::env::args_os().nth(1).map_or_else(std::env::temp_dir, Into::into);
+    std::fs::create_dir_all(&folder).map_err(Error::io(&folder))?;
+    let grid = Grid::new(DVec3::new(0.0, 0.0, 0.5), DVec3::new(0.05, 0.05, 0.04), [24, 32, 32])?;
+    let puffs = |radius: f64, extinction: f64| {
+        let centers = [(0.6, 0.7, 0.8), (0.9, 0.8, 1.0), (0.8, 1.0, 0.75)].map(DVec3::from);
+        let value = |(k, j, i)| {
+            let point = grid.voxel_center([k, j, i]);
+            let fall_off = |center: DVec3| (-(point.distance(center) / radius).powi(2)).exp();
+            let value = extinction * centers.map(fall_off).iter().sum::<f64>();
+            if value > 2.0 { value as f32 } else { 0.0 }
+        };
+        Volume::new(grid, Array3::from_shape_fn(grid.shape, value))
+    };
+    let (truth, estimate) = (puffs(0.15, 60.0)?, puffs(0.19, 35.0)?);
+
+    // Not radiances, but optical depths seen from above: enough to show a sheet.
+    let depth = truth.values.sum_axis(ndarray::Axis(0)) * grid.spacing.z as f32;
+    let images = ndarray::stack(ndarray::Axis(0), &[depth.view(), (&depth * 0.5).view()]);
+    let images = ViewStack::new(images.expect("two images of one size"))?;
+
+    let figure = |name: &str| folder.join(name);
+    volume_figure(figure("volume.png"), &estimate, Some(&truth), "Three puffs, smoothed")?;
+    scatter_figure(figure("scatter.png"), &truth, &estimate, "Three puffs, smoothed")?;
+    let labels = ["all of it".to_owned(), "half of it".to_owned()];
+    contact_sheet(figure("images.png"), &images, &labels, "Two images")?;
+    println!("volume.png, scatter.png and images.png are in {}", folder.display());
+    Ok(())
+}
