@@ -26,15 +26,18 @@ fn main() -> Result<()> {
     };
     let (truth, estimate) = (puffs(0.15, 60.0)?, puffs(0.19, 35.0)?);
 
-    // Not radiances, but optical depths seen from above: enough to show a sheet.
+    // Seen from above, each column taken for a layer without sides (Bohren 1987, two
+    // streams, asymmetry 0.86), under the paper's Sun and under half of its light.
     let depth = truth.values.sum_axis(ndarray::Axis(0)) * grid.spacing.z as f32;
-    let images = ndarray::stack(ndarray::Axis(0), &[depth.view(), (&depth * 0.5).view()]);
+    let radiance =
+        depth.mapv(|depth| 0.866 / std::f32::consts::PI * 0.07 * depth / (1.0 + 0.07 * depth));
+    let images = ndarray::stack(ndarray::Axis(0), &[radiance.view(), (&radiance * 0.5).view()]);
     let images = ViewStack::new(images.expect("two images of one size"))?;
 
     let figure = |name: &str| folder.join(name);
     volume_figure(figure("volume.png"), &estimate, Some(&truth), "Three puffs, smoothed")?;
     scatter_figure(figure("scatter.png"), &truth, &estimate, "Three puffs, smoothed")?;
-    let labels = ["all of it".to_owned(), "half of it".to_owned()];
+    let labels = ["full light".to_owned(), "half the light".to_owned()];
     contact_sheet(figure("images.png"), &images, &labels, "Two images")?;
     println!("volume.png, scatter.png and images.png are in {}", folder.display());
     Ok(())
