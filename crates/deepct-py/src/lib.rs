@@ -6,6 +6,7 @@
 
 mod array;
 mod carve;
+mod cloud;
 mod error;
 mod grid;
 mod network;
@@ -21,6 +22,8 @@ use pyo3::prelude::*;
 mod _deepct {
     #[pymodule_export]
     use crate::carve::{Carved, carve};
+    #[pymodule_export]
+    use crate::cloud::{Cloud, generate_cloud};
     #[pymodule_export]
     use crate::error::DeepctError;
     #[pymodule_export]

@@ -4,9 +4,10 @@ Each stage is a function of the same name as the verb of the command line::
 
     import deepct_py as deepct
 
-    grid = deepct.Grid(shape=(80, 32, 32), spacing=(0.05, 0.05, 0.04))
-    views = deepct.Views.preset("cloudct-10", target=grid.center)
-    mask = deepct.carve(radiance, views, grid).mask
+    cloud = deepct.generate_cloud(seed=7)
+    views = deepct.Views.preset("cloudct-10", target=(0.8, 0.8, 1.0))
+    images = deepct.sense(deepct.render(cloud.extinction, cloud.grid, views).radiance)
+    mask = deepct.carve(images.radiance, views, cloud.grid).mask
 
 Volumes are arrays ``[z, y, x]`` and images ``[view, row, col]``, 32-bit floats; what is
 not is converted, and xarray objects are taken as they are. Lengths are in km, extinction
@@ -18,6 +19,7 @@ interpreter's lock while they work.
 
 from ._deepct import (
     Carved,
+    Cloud,
     DeepctError,
     Grid,
     Network,
@@ -29,6 +31,7 @@ from ._deepct import (
     View,
     Views,
     carve,
+    generate_cloud,
     render,
     score,
     sense,
@@ -36,6 +39,7 @@ from ._deepct import (
 
 __all__ = [
     "Carved",
+    "Cloud",
     "DeepctError",
     "Grid",
     "Network",
@@ -47,6 +51,7 @@ __all__ = [
     "View",
     "Views",
     "carve",
+    "generate_cloud",
     "render",
     "score",
     "sense",

@@ -30,6 +30,27 @@ class Grid:
     def z(self) -> NDArray[np.float64]: ...
 
 @final
+class Cloud:
+    @property
+    def grid(self) -> Grid: ...
+    @property
+    def extinction(self) -> NDArray[np.float32]: ...
+    @property
+    def liquid_water_content(self) -> NDArray[np.float32]: ...
+    @property
+    def effective_radius(self) -> NDArray[np.float32]: ...
+    @property
+    def effective_variance(self) -> NDArray[np.float32]: ...
+
+def generate_cloud(
+    grid: Optional[Grid] = None,
+    *,
+    kind: Literal["cumulus", "field"] = "cumulus",
+    seed: int = 1,
+    **settings: Any,
+) -> Cloud: ...
+
+@final
 class Sun:
     def __new__(cls, zenith_deg: float = 30.0, azimuth_deg: float = 45.0) -> Sun: ...
     @property

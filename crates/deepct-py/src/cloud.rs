@@ -1,0 +1,116 @@
+//! `generate_cloud`: a cloud made up from a seed.
+
+use crate::array::give;
+use crate::error::raise;
+use crate::grid::Grid;
+use deepct_core::Error;
+use deepct_core::cloud::{CumulusSettings, FieldSettings, cumulus, field};
+use deepct_core::optics::extinction;
+use numpy::PyArray3;
+use pyo3::exceptions::PyTypeError;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use serde::de::DeserializeOwned;
+
+/// A cloud made up from a seed.
+///
+/// Attributes
+/// ----------
+/// grid : Grid
+///     Where the voxels are.
+/// extinction : numpy.ndarray, float32, [z, y, x]
+///     Extinction (1/km).
+/// liquid_water_content : numpy.ndarray, float32, [z, y, x]
+///     Liquid water content (g/m3).
+/// effective_radius : numpy.ndarray, float32, [z, y, x]
+///     Effective radius of the droplets (um), zero where there is no water.
+/// effective_variance : numpy.ndarray, float32, [z, y, x]
+///     Effective variance of the droplet sizes.
+#[pyclass(frozen, module = "deepct_py", get_all)]
+pub(crate) struct Cloud {
+    grid: Grid,
+    extinction: Py<PyArray3<f32>>,
+    liquid_water_content: Py<PyArray3<f32>>,
+    effective_radius: Py<PyArray3<f32>>,
+    effective_variance: Py<PyArray3<f32>>,
+}
+
+/// Make up a cloud from a seed: the same seed, the same cloud.
+///
+/// Parameters
+/// ----------
+/// grid : Grid, optional
+///     Where the voxels are; 32 x 32 columns of 50 m for a cumulus, 128 x 128 for a field,
+///     in levels of 40 m, where it is not given.
+/// kind : str
+///     `"cumulus"`, one cloud in the middle of its grid, or `"field"`, a periodic field.
+/// seed : int
+///     Seed of the random numbers.
+/// **settings
+///     The settings of the command line, such as `width_km` or `droplets_per_cm3`:
+///     `deepct config cloud-cumulus` and `cloud-field` print them.
+///
+/// Returns
+/// -------
+/// Cloud
+///
+/// Raises
+/// ------
+/// TypeError
+///     An unknown setting, or a value of a wrong type.
+/// ValueError
+///     A setting out of range, or a cloud that does not fit into its grid.
+#[pyfunction]
+#[pyo3(signature = (grid = None, *, kind = "cumulus", seed = 1, **settings))]
+pub(crate) fn generate_cloud(
+    py: Python<'_>,
+    grid: Option<Grid>,
+    kind: &str,
+    seed: u64,
+    settings: Option<&Bound<'_, PyDict>>,
+) -> PyResult<Cloud> {
+    let settings = settings.map_or_else(|| Ok(PyDict::new(py)), |given| given.copy())?;
+    if let Some(Grid(grid)) = grid {
+        settings.set_item("shape", grid.shape)?;
+        settings.set_item("spacing_km", grid.spacing.to_array())?;
+        settings.set_item("origin_km", grid.origin.to_array())?;
+    }
+    let cloud = match kind {
+        "cumulus" => {
+            let settings: CumulusSettings = read(&settings)?;
+            py.detach(|| cumulus(&settings, seed))
+        }
+        "field" => {
+            let settings: FieldSettings = read(&settings)?;
+            py.detach(|| field(&settings, seed))
+        }
+        _ => Err(Error::out_of_range("kind", format!("\"{kind}\""), "cumulus or field")),
+    };
+    give_cloud(py, cloud.map_err(raise)?)
+}
+
+/// Settings from keywords, over the defaults.
+fn read<T: DeserializeOwned>(keywords: &Bound<'_, PyDict>) -> PyResult<T> {
+    let py = keywords.py();
+    let options = PyDict::new(py);
+    // Numbers and arrays of NumPy.
+    options
+        .set_item("default", py.import("operator")?.call_method1("methodcaller", ("tolist",))?)?;
+    let text = py.import("json")?.call_method("dumps", (keywords,), Some(&options))?;
+    serde_json::from_str(&text.extract::<String>()?).map_err(|problem| {
+        let problem = problem.to_string();
+        PyTypeError::new_err(problem.split(" at line").next().unwrap_or_default().to_owned())
+    })
+}
+
+fn give_cloud(py: Python<'_>, cloud: deepct_core::cloud::Cloud) -> PyResult<Cloud> {
+    let extinction = extinction(&cloud).map_err(raise)?;
+    let droplets = cloud.microphysics.expect("the generator makes droplets");
+    Ok(Cloud {
+        grid: Grid(cloud.grid),
+        extinction: give(py, extinction.values),
+        liquid_water_content: give(py, droplets.liquid_water_content),
+        effective_radius: give(py, droplets.effective_radius),
+        effective_variance: give(py, droplets.effective_variance),
+    })
+}
