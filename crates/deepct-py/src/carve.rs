@@ -3,7 +3,7 @@
 use crate::array::{Floats, IMAGES, give};
 use crate::error::raise;
 use crate::grid::Grid;
-use crate::view::ViewList;
+use crate::view::ViewSequence;
 use deepct_core::carve::CarveSettings;
 use deepct_core::image::ViewStack;
 use deepct_core::scene::{Observation, Sun};
@@ -55,7 +55,7 @@ pub(crate) struct Carved {
 pub(crate) fn carve(
     py: Python<'_>,
     radiance: &Bound<'_, PyAny>,
-    views: ViewList,
+    views: ViewSequence,
     grid: Grid,
     threshold: Option<f32>,
     agreement: Option<f64>,

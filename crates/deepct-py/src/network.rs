@@ -3,7 +3,7 @@
 use crate::array::{Floats, IMAGES, VOLUME, booleans, give};
 use crate::error::raise;
 use crate::grid::Grid;
-use crate::view::{Sun, ViewList};
+use crate::view::{Sun, ViewSequence};
 use deepct_core::grid::Mask;
 use deepct_core::image::ViewStack;
 use deepct_core::scene::{self, Observation, View, target};
@@ -49,7 +49,7 @@ impl Network {
 
     /// The grid of the extinction that `infer` gives for images by `views`: one column of
     /// voxels for each pixel, around the point that the images show in their middle.
-    fn grid(&self, views: ViewList) -> PyResult<Grid> {
+    fn grid(&self, views: ViewSequence) -> PyResult<Grid> {
         self.grid_of(&views.0).map(Grid).map_err(raise)
     }
 
@@ -83,7 +83,7 @@ impl Network {
         &self,
         py: Python<'_>,
         radiance: &Bound<'_, PyAny>,
-        views: ViewList,
+        views: ViewSequence,
         sun: Option<Sun>,
         mask: Option<&Bound<'_, PyAny>>,
         wavelength_um: f64,

@@ -3,7 +3,7 @@
 use crate::array::{Floats, VOLUME, give};
 use crate::error::raise;
 use crate::grid::Grid;
-use crate::view::{Sun, ViewList};
+use crate::view::{Sun, ViewSequence};
 use deepct_core::grid::Volume;
 use deepct_core::optics::{Interpolation, Medium, PhaseFunction};
 use deepct_core::scene::{self, Boundary, Scene, Surface};
@@ -80,7 +80,7 @@ pub(crate) fn render(
     py: Python<'_>,
     extinction: &Bound<'_, PyAny>,
     grid: Grid,
-    views: ViewList,
+    views: ViewSequence,
     sun: Option<Sun>,
     samples_per_pixel: u32,
     seed: u64,

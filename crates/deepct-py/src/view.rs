@@ -8,6 +8,7 @@ use numpy::{IntoPyArray, PyArray1};
 use pyo3::exceptions::{PyIndexError, PyTypeError};
 use pyo3::prelude::*;
 use pyo3::types::{PyIterator, PyTuple};
+use std::path::PathBuf;
 
 type Point = (f64, f64, f64);
 
@@ -178,23 +179,22 @@ impl Views {
         Ok(Self(views.into_iter().map(|view| view.0).collect()))
     }
 
-    /// The views of a formation, `"cloudct-10"` or `"pearls-32"`, of `target` (km): cameras
-    /// at 600 km whose pixels are 50 m at nadir, with images of `size` (rows, cols) pixels.
+    /// The views of a formation by its name, `"cloudct-10"` or `"pearls-32"` (cameras at
+    /// 600 km whose pixels are 50 m at nadir), or those of a TOML file, as the command
+    /// line takes them: `deepct render --help` says what it holds.
+    ///
+    /// They look at `target` (km), with images of `size` (rows, cols) pixels, unless the
+    /// file says otherwise.
     #[staticmethod]
     #[pyo3(
-        signature = (name, target, size = [32, 32]),
-        text_signature = "(name, target, size=(32, 32))",
+        signature = (name_or_path, target, size = [32, 32]),
+        text_signature = "(name_or_path, target, size=(32, 32))",
     )]
-    fn preset(name: &str, target: Point, size: [usize; 2]) -> PyResult<Self> {
-        let formation = scene::Formation::preset(name).ok_or_else(|| {
-            let known = scene::Formation::PRESETS.join(", ");
-            raise(Error::out_of_range(
-                "formation",
-                format!("\"{name}\""),
-                format!("one of {known}"),
-            ))
-        })?;
-        formation.views(target.into(), size).map(Self).map_err(raise)
+    fn load(name_or_path: PathBuf, target: Point, size: [usize; 2]) -> PyResult<Self> {
+        scene::ViewList::find(&name_or_path.to_string_lossy())
+            .and_then(|list| list.views(target.into(), size))
+            .map(Self)
+            .map_err(raise)
     }
 
     /// The views of `target` (km) by satellites `first` to `last` on one orbit, each `arc` km
@@ -298,9 +298,9 @@ impl Views {
 }
 
 /// The views that an argument gives: `Views`, or any sequence of `View`.
-pub(crate) struct ViewList(pub(crate) Vec<scene::View>);
+pub(crate) struct ViewSequence(pub(crate) Vec<scene::View>);
 
-impl<'py> FromPyObject<'_, 'py> for ViewList {
+impl<'py> FromPyObject<'_, 'py> for ViewSequence {
     type Error = PyErr;
 
     fn extract(object: Borrowed<'_, 'py, PyAny>) -> PyResult<Self> {

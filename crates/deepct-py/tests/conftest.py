@@ -25,7 +25,7 @@ def extinction(grid):
 
 @pytest.fixture
 def views(grid):
-    return deepct_py.Views.preset("cloudct-10", target=grid.center, size=(16, 16))
+    return deepct_py.Views.load("cloudct-10", target=grid.center, size=(16, 16))
 
 
 @pytest.fixture(scope="session")

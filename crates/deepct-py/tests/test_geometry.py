@@ -21,10 +21,10 @@ def test_a_grid_has_its_voxel_centres():
 
 
 def test_the_paper_lists_the_angles_of_the_presets():
-    views = Views.preset("cloudct-10", target=(0.8, 0.8, 1.0))
+    views = Views.load("cloudct-10", target=(0.8, 0.8, 1.0))
     np.testing.assert_allclose(views.zenith_deg, [46, 34, 26, 18, 9, 0, 9, 18, 26, 34], atol=1e-9)
     np.testing.assert_allclose(views.azimuth_deg[:5], 180.0, atol=1e-9)
-    assert len(Views.preset("pearls-32", target=(0.8, 0.8, 1.0))) == 32
+    assert len(Views.load("pearls-32", target=(0.8, 0.8, 1.0))) == 32
 
 
 def test_a_string_of_pearls_stands_on_its_orbit():
@@ -63,8 +63,24 @@ def test_a_camera_projects_as_a_pinhole():
         np.testing.assert_allclose(along, direction, atol=1e-12)
 
 
+def test_a_file_of_views_is_that_of_the_command_line(tmp_path):
+    path = tmp_path / "views.toml"
+    path.write_text(
+        "[string_of_pearls]\nsatellites = 5\narc_km = 120.0\noverhead = 2\n"
+        "altitude_km = 550.0\npixel_km = 0.04\n"
+    )
+    views = Views.load(path, target=(0.5, 0.5, 1.0), size=(20, 24))
+    expected = Views.string_of_pearls(
+        (0.5, 0.5, 1.0), 550.0, 120.0, -2, 2, pixel_km=0.04, size=(20, 24)
+    )
+    assert views == expected
+    path.write_text("[string_of_pearls]\nsatelites = 5\n")
+    with pytest.raises(deepct_py.DeepctError, match="views.toml"):
+        Views.load(path, target=(0.5, 0.5, 1.0))
+
+
 def test_views_are_a_sequence(grid):
-    views = Views.preset("cloudct-10", target=grid.center)
+    views = Views.load("cloudct-10", target=grid.center)
     assert views[-1] == views[9] and len(list(views)) == 10
     assert Views(list(views)) == views
     with pytest.raises(IndexError):
@@ -81,7 +97,7 @@ def test_impossible_geometry_is_refused():
         lambda: Sun(zenith_deg=90.0),
         lambda: Sun(azimuth_deg=float("nan")),
         lambda: View.orthographic(100.0, 0.0, (0.0, 0.0, 0.0), 0.05),
-        lambda: Views.preset("cloudct-11", target=(0.0, 0.0, 0.0)),
+        lambda: Views.load("cloudct-11", target=(0.0, 0.0, 0.0)),
         lambda: Views.string_of_pearls((0.0, 0.0, 0.0), 600.0, 100.0, 0, 40),
     ]:
         with pytest.raises(ValueError):

@@ -1,6 +1,7 @@
 """What the module takes, refuses and shows, whatever the stage."""
 
 import ast
+import inspect
 import pathlib
 import threading
 import time
@@ -109,9 +110,8 @@ def test_the_stub_names_what_the_module_has():
             public = {member for member in vars(found) if not member.startswith("_")}
             methods = [part for part in node.body if isinstance(part, ast.FunctionDef)]
             assert {part.name for part in methods if not part.name.startswith("_")} == public
-        for function in [node] if isinstance(node, ast.FunctionDef) else []:
-            arguments = function.args
-            names = [part.arg for part in arguments.args + arguments.kwonlyargs]
-            assert found.__text_signature__ is not None
-            signature = found.__text_signature__.strip("()").split(", ")
-            assert [part.split("=")[0] for part in signature if part not in "*$"] == names
+        elif isinstance(node, ast.FunctionDef):
+            part = node.args
+            names = [argument.arg for argument in part.args + part.kwonlyargs]
+            names += [part.kwarg.arg] if part.kwarg else []
+            assert list(inspect.signature(found).parameters) == names

@@ -5,7 +5,7 @@ Each stage is a function of the same name as the verb of the command line::
     import deepct_py as deepct
 
     cloud = deepct.generate_cloud(seed=7)
-    views = deepct.Views.preset("cloudct-10", target=(0.8, 0.8, 1.0))
+    views = deepct.Views.load("cloudct-10", target=(0.8, 0.8, 1.0))
     images = deepct.sense(deepct.render(cloud.extinction, cloud.grid, views).radiance)
     mask = deepct.carve(images.radiance, views, cloud.grid).mask
 

@@ -91,8 +91,8 @@ class View:
 class Views:
     def __new__(cls, views: Sequence[View]) -> Views: ...
     @staticmethod
-    def preset(
-        name: Literal["cloudct-10", "pearls-32"], target: _Point, size: tuple[int, int] = (32, 32)
+    def load(
+        name_or_path: Union[str, PathLike[str]], target: _Point, size: tuple[int, int] = (32, 32)
     ) -> Views: ...
     @staticmethod
     def string_of_pearls(
