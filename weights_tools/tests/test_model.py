@@ -50,6 +50,14 @@ def test_every_block_ends_in_a_relu_and_keeps_the_size():
     assert output.min() == 0.0
 
 
+def test_a_leak_shows_what_the_last_relu_hides():
+    torch.manual_seed(0)
+    network, images = Network([3, 4, 5]).eval(), torch.randn(2, 3, 7, 11)
+    plain, leaking = network(images), network(images, 0.1)
+    assert torch.equal(leaking.relu(), plain)
+    assert torch.equal(leaking < 0.0, plain == 0.0)
+
+
 def test_a_state_dict_tells_its_network():
     network = Network([3, 5, 4])
     assert channels_of(network.state_dict()) == [3, 5, 4]

@@ -16,7 +16,7 @@ from weights_tools.errors import InputError
 from weights_tools.sensor import Sensor
 from weights_tools.training import scores, validation_images
 
-CONSTANTS = torch.logspace(-1.0, 2.0, 121, dtype=torch.float64)
+CONSTANTS = torch.cat([torch.zeros(1), torch.logspace(-1.0, 2.0, 121)]).double()
 """Extinctions (1/km) that the carved mask is filled with, to take the best."""
 
 
@@ -26,18 +26,25 @@ def baselines(
     """Mean epsilon and delta by name: nothing, the mean training cloud, the carved mask.
 
     The mask is what ``deepct carve`` makes of the same noisy images that a training with
-    that seed is scored on, filled with the one constant that is best for these clouds.
+    that seed is scored on. It is filled with the constant of the smallest epsilon for
+    these clouds, which is 0 where most of a mask is clear, and with the one that gets
+    their mass right.
 
     Raises :class:`InputError` where ``deepct`` fails.
     """
     truth = data.validation.extinction
     masks = carved_masks(data, validation_images(data, sensor, seed), deepct)
     epsilon = [scores(float(value) * masks, truth)[0] for value in CONSTANTS]
-    constant = float(CONSTANTS[int(np.argmin(epsilon))])
+    best = float(CONSTANTS[int(np.argmin(epsilon))])
+    _, excess = scores(masks, truth)
+    right_mass = 1.0 / (1.0 - excess)
     return {
         "zero": scores(torch.zeros_like(truth), truth),
         "mean training cloud": scores(data.train.extinction.mean(0).expand_as(truth), truth),
-        f"carved mask filled with {constant:.3g} / km": scores(constant * masks, truth),
+        f"carved mask filled with {best:.3g} / km (best epsilon)": scores(best * masks, truth),
+        f"carved mask filled with {right_mass:.3g} / km (delta 0)": scores(
+            right_mass * masks, truth
+        ),
     }
 
 

@@ -88,8 +88,15 @@ class Network(nn.Module):
         self.channels = list(channels)
         self.net = Chain(channels)
 
-    def forward(self, images: Tensor) -> Tensor:
-        return self.net(images)
+    def forward(self, images: Tensor, leak: float = 0.0) -> Tensor:
+        """The last ReLU lets ``leak`` times a negative value through: only for training."""
+        if leak == 0.0:
+            return self.net(images)
+        *hidden, last = self.net.body
+        for block in hidden:
+            images = block(images)
+        convolution, norm, _ = last.body
+        return nn.functional.leaky_relu(norm(convolution(images)), leak)
 
     def convolution_parameters(self) -> int:
         """Number of kernel values and biases, without the batch norms."""

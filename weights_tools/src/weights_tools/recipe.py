@@ -68,6 +68,8 @@ class TrainingRecipe:
     """The largest; it rises from 0 to this and falls to 0 along a cosine."""
     warmup: float = 0.1
     """Share of the training in which the learning rate rises."""
+    leak: float = 0.0
+    """Slope of the last ReLU below zero while training: what was missed can still be found."""
     shift_voxels: int = 0
     """Largest horizontal shift of a cloud and its images, along x and along y."""
     crop: int = 0
@@ -156,6 +158,7 @@ def _check(recipe: Recipe, path: Path) -> None:
         ("training.batch", training.batch >= 2, "at least 2 (batch norm)"),
         ("training.learning_rate", training.learning_rate > 0.0, "positive"),
         ("training.warmup", 0.0 < training.warmup < 1.0, "between 0 and 1"),
+        ("training.leak", 0.0 <= training.leak < 1.0, "at least 0 and below 1"),
         ("training.crop", training.crop >= 0, "0 or more"),
         ("training.crop_shift", training.crop_shift >= 0, "0 or more"),
         ("training.crop_until", 0.0 <= training.crop_until <= 1.0, "between 0 and 1"),

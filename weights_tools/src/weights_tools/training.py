@@ -111,7 +111,6 @@ class Training:
 
     def _train_epoch(self, minutes: float | None, start: float) -> float:
         training, samples = self.recipe.training, self.data.train
-        self.network.train()
         generator = _generator(training.seed, self.epoch)
         order = torch.randperm(len(samples), generator=generator)
         # A last batch that is too small would spoil the batch norm's statistics.
@@ -143,7 +142,7 @@ class Training:
         self.optimizer.zero_grad()
         reduced = self.recipe.training.reduced_precision
         with torch.autocast(self.device.type, torch.bfloat16, enabled=reduced):
-            estimate = self.network(images)
+            estimate = self.network(images, self.recipe.training.leak)
         loss = loss_of(self.recipe.loss, truth, estimate.float())
         loss.backward()
         self.optimizer.step()
