@@ -47,8 +47,14 @@ def check(checkpoint: str | Path, weights: str | Path, deepct: str, seed: int = 
             with h5py.File(volume, "r") as file:
                 found = file["extinction"][...].astype(np.float64)
             expected = answer(network, radiance, metadata)
-            errors.append(float(abs(found - expected).max() / abs(expected).max()))
+            errors.append(_relative(found, expected))
     return errors
+
+
+def _relative(found: np.ndarray, expected: np.ndarray) -> float:
+    """Largest difference over the largest value, or alone where there is none to compare to."""
+    largest = float(abs(expected).max())
+    return float(abs(found - expected).max()) / (largest or 1.0)
 
 
 def answer(network: Network, radiance: np.ndarray, metadata: dict[str, Any]) -> np.ndarray:

@@ -73,7 +73,10 @@ pub const MAX_WEIGHTS_BYTES: u64 = 1 << 30;
 const METADATA_KEY: &str = "deepct";
 
 /// The weights that are part of the program, by name.
-const BUILT_IN: [(&str, &[u8]); 0] = [];
+const BUILT_IN: [(&str, &[u8]); 2] = [
+    ("cloudct-10", include_bytes!("../../weights/cloudct-10.safetensors")),
+    ("pearls-32", include_bytes!("../../weights/pearls-32.safetensors")),
+];
 
 /// The names that [`load_weights`] takes instead of a file.
 pub fn built_in_weights() -> impl Iterator<Item = &'static str> {
@@ -252,7 +255,9 @@ fn weights_to_bytes(weights: &Weights) -> std::result::Result<Vec<u8>, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::image::ViewStack;
     use crate::network::weights;
+    use crate::scene::{Observation, Sun};
 
     /// A file made by hand, so that each test can break one thing of it.
     struct Draft {
@@ -302,6 +307,22 @@ mod tests {
         assert_eq!(load_weights(&path).unwrap(), weights);
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
         assert_eq!(parse_weights(&Draft::of(&weights).bytes(), &path).unwrap(), weights);
+    }
+
+    #[test]
+    fn the_built_in_weights_are_for_the_formations_they_are_named_after() {
+        for name in built_in_weights() {
+            let metadata = load_weights(name).unwrap().metadata;
+            let formation = crate::scene::Formation::preset(name).unwrap();
+            let target = crate::math::DVec3::new(0.8, 0.8, metadata.target_altitude_km);
+            let views = formation.views(target, [32, 32]).unwrap();
+            let images = ViewStack::new(ndarray::Array3::zeros((views.len(), 32, 32))).unwrap();
+            let geometry = Observation::new(Sun::default(), views, images).unwrap().geometry();
+            metadata.check_images(&geometry, metadata.target_altitude_km, 0.672).unwrap();
+            assert_eq!(metadata.formation, name);
+            assert!(metadata.scores["epsilon"] < 1.0, "{:?}", metadata.scores);
+        }
+        assert_eq!(built_in_weights().count(), 2);
     }
 
     #[test]
