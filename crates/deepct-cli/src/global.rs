@@ -2,6 +2,9 @@
 
 use deepct_core::{Error, Result};
 
+/// More threads than any processor has; a number beyond is a slip of the keyboard.
+const MOST_THREADS: usize = 1024;
+
 /// Flags of every verb.
 #[derive(Debug, Clone, clap::Args)]
 pub(crate) struct Global {
@@ -22,6 +25,10 @@ pub(crate) struct Global {
 impl Global {
     /// Start the pool of threads that all parallel work runs on.
     pub(crate) fn start_threads(&self) -> Result<()> {
+        if self.threads > MOST_THREADS {
+            let range = format!("at most {MOST_THREADS}");
+            return Err(Error::out_of_range("--threads", self.threads, range));
+        }
         rayon::ThreadPoolBuilder::new()
             .num_threads(self.threads)
             .build_global()

@@ -8,6 +8,7 @@ mod cloud;
 mod completions;
 mod config;
 mod dataset;
+mod demo;
 mod formats;
 mod global;
 mod infer;
@@ -25,7 +26,12 @@ use std::process::ExitCode;
 
 /// Clouds to satellite images, and satellite images to clouds.
 #[derive(Debug, Parser)]
-#[command(name = "deepct", version, about, arg_required_else_help = true)]
+#[command(
+    name = "deepct",
+    version,
+    about = "Clouds to satellite images, and satellite images to clouds",
+    arg_required_else_help = true
+)]
 struct Cli {
     #[command(flatten)]
     global: Global,
@@ -41,6 +47,7 @@ enum Verb {
     Carve(carve::Args),
     Infer(infer::Args),
     Score(score::Args),
+    Demo(demo::Args),
     Dataset(dataset::Args),
     Weights(weights::Args),
     Plot(plot::Args),
@@ -68,6 +75,7 @@ fn run(cli: Cli) -> deepct_core::Result<Outcome> {
         Verb::Carve(args) => carve::run(&args, &cli.global),
         Verb::Infer(args) => infer::run(&args, &cli.global),
         Verb::Score(args) => score::run(&args, &cli.global),
+        Verb::Demo(args) => demo::run(&args, &cli.global),
         Verb::Dataset(args) => dataset::run(&args, &cli.global),
         Verb::Weights(args) => weights::run(&args),
         Verb::Plot(args) => plot::run(&args),

@@ -81,7 +81,7 @@ fn read_extinction(path: &Path) -> Result<Volume> {
 }
 
 /// The direction that each image was taken from, and the size of its pixels.
-fn labels(observation: &Observation) -> Vec<String> {
+pub(crate) fn labels(observation: &Observation) -> Vec<String> {
     let geometry = observation.geometry();
     let directions = geometry.view_zenith_deg.iter().zip(&geometry.view_azimuth_deg);
     directions

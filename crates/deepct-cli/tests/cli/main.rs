@@ -2,6 +2,8 @@
 
 mod carve;
 mod cloud;
+mod dataset;
+mod demo;
 mod infer;
 mod plot;
 mod program;

@@ -90,8 +90,10 @@ impl<'a> Workshop<'a> {
                 "choose another folder, or the settings that the data set was begun with",
             ));
         }
-        let samples = folder.join("samples");
-        std::fs::create_dir_all(&samples).map_err(Error::io(&samples))?;
+        for source in &settings.sources {
+            let path = simulations.join(&source.file);
+            std::fs::File::open(&path).map_err(Error::io(path))?;
+        }
         let columns = settings.columns;
         let levels = settings.levels;
         // The horizontal place of a cloud does not matter: every sample stands at 0.
@@ -100,7 +102,7 @@ impl<'a> Workshop<'a> {
             DVec3::new(settings.column_km, settings.column_km, levels.spacing_km),
             [levels.count, columns, columns],
         )?;
-        Ok(Self {
+        let workshop = Self {
             settings,
             simulations,
             folder,
@@ -108,7 +110,11 @@ impl<'a> Workshop<'a> {
             surface: Surface { albedo: settings.surface_albedo, altitude: 0.0 },
             grid,
             views: settings.formation()?.views(grid.center(), [columns, columns])?,
-        })
+        };
+        // Nothing is left behind by settings that cannot work.
+        let samples = folder.join("samples");
+        std::fs::create_dir_all(&samples).map_err(Error::io(&samples))?;
+        Ok(workshop)
     }
 
     fn empty_manifest(&self) -> Manifest {

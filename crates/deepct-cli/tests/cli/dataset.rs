@@ -1,0 +1,37 @@
+use crate::program::Program;
+
+const SETTINGS: &str = "formation = \"cloudct-10\"\nsimilarity_after = 2\ncolumns = 24\n\
+    [[sources]]\nfile = \"field.nc\"\nsplit = \"train\"\nfirst = 0\nlast = 0\nevery = 1\n\
+    clouds = 2\nsamples_per_pixel = 4\n";
+
+/// A program with the settings of a data set and the field that it is made of.
+fn program() -> Program {
+    let program = Program::new();
+    program.succeed("cloud generate --kind field --seed 3 --out field.nc");
+    std::fs::write(program.path("set.toml"), SETTINGS).unwrap();
+    program
+}
+
+#[test]
+fn a_data_set_is_made_resumed_and_checked() {
+    let program = program();
+    let made = program.succeed("dataset generate set.toml --out set");
+    assert!(made.starts_with("2 samples, 2 of them made now"), "{made}");
+    let again = program.succeed("dataset generate set.toml --out set");
+    assert!(again.starts_with("2 samples, 0 of them made now"), "{again}");
+    assert_eq!(program.succeed("dataset check set"), "2 samples, all as the manifest says\n");
+}
+
+#[test]
+fn wrong_input_is_refused() {
+    let program = program();
+    let mistyped = SETTINGS.replace("columns", "colums");
+    std::fs::write(program.path("mistyped.toml"), mistyped).unwrap();
+    program.refuse("dataset generate mistyped.toml --out none", &["mistyped.toml", "colums"]);
+    program.refuse("dataset generate missing.toml --out none", &["missing.toml"]);
+    let formation = "dataset generate set.toml --set formation=ten --out none";
+    program.refuse(formation, &["formation", "ten", "cloudct-10"]);
+    program.refuse("dataset generate set.toml --simulations nowhere --out none", &["field.nc"]);
+    program.refuse("dataset check set.toml", &["manifest.json"]);
+    program.refuse("--threads 100000 formats", &["--threads", "100000", "1024"]);
+}
