@@ -8,6 +8,8 @@
 //! file, the field and the remedy.
 
 #[cfg(feature = "files")]
+mod exr;
+#[cfg(feature = "files")]
 pub mod import;
 #[cfg(feature = "files")]
 mod netcdf;
@@ -18,6 +20,8 @@ use crate::error::{Error, Result};
 #[cfg(feature = "files")]
 use std::path::Path;
 
+#[cfg(feature = "files")]
+pub use self::exr::write_exr;
 #[cfg(feature = "files")]
 pub use netcdf::{
     MAX_VALUES, Provenance, read_cloud, read_grid, read_mask, read_observation, read_volume,
