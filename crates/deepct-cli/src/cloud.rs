@@ -26,52 +26,14 @@ enum Verb {
 }
 
 /// The defaults of `cloud generate --kind cumulus`.
-pub(crate) const CUMULUS: &str = "\
-# Number of voxels along z, y, x
-shape = [32, 32, 32]
-# Voxel size along x, y, z (km)
-spacing_km = [0.05, 0.05, 0.04]
-# South-west-bottom corner x, y, z of the grid (km)
-origin_km = [0.0, 0.0, 0.48]
-# Altitude of cloud base (km)
-base_km = 0.56
-# Width of the cloud (km); drawn between 0.5 and 1.1 km where it is not set
-# width_km = 0.8
-# Depth from base to top (km); drawn in proportion to the width where it is not set
-# depth_km = 0.9
-# Number of droplets per cm3
-droplets_per_cm3 = 100.0
-# Share of the adiabatic water that the core has near its base
-adiabatic_fraction = 0.9
-# How far turbulence displaces the outline, as a share of a turret's radius
-turbulence = 0.3
-";
+pub(crate) const CUMULUS: &str = include_str!("defaults/cloud-cumulus.toml");
 
 /// The defaults of `cloud generate --kind field`.
-pub(crate) const FIELD: &str = "\
-# Number of voxels along z, y, x
-shape = [36, 128, 128]
-# Voxel size along x, y, z (km)
-spacing_km = [0.05, 0.05, 0.04]
-# South-west-bottom corner x, y, z of the grid (km)
-origin_km = [0.0, 0.0, 0.48]
-# Altitude of cloud base (km)
-base_km = 0.56
-# Share of columns with cloud
-cover = 0.17
-# Width of the smallest and the largest clouds (km)
-widths_km = [0.15, 1.5]
-# The number of clouds per width falls as the width to this power
-size_exponent = -1.7
-# Number of droplets per cm3
-droplets_per_cm3 = 100.0
-# Share of the adiabatic water that a core has near its base
-adiabatic_fraction = 0.9
-# How far turbulence displaces the outline, as a share of a turret's radius
-turbulence = 0.3
-";
+pub(crate) const FIELD: &str = include_str!("defaults/cloud-field.toml");
 
 /// A random cloud from the built-in generator
+///
+/// `deepct config cloud-cumulus` and `deepct config cloud-field` print the settings.
 #[derive(Debug, clap::Args)]
 struct GenerateArgs {
     /// What to make: one cumulus in the middle of its grid, or a periodic field

@@ -26,7 +26,7 @@ Read elsewhere
   settings  TOML; see `config VERB`
 
 Written
-  OpenEXR   images, one layer a view (render --out I.exr)
+  OpenEXR   images, one layer a view (render --exr I.exr)
   PNG       pictures (plot)
 ";
 

@@ -3,7 +3,7 @@
 use crate::Outcome;
 use crate::global::Global;
 use crate::progress::Progress;
-use deepct_core::io::{Provenance, read_cloud, write_observation};
+use deepct_core::io::{Provenance, read_cloud, write_exr, write_observation};
 use deepct_core::optics::Medium;
 use deepct_core::scene::{Observation, Scene, Sun, Surface, VIEW_FILE_HELP, View, ViewList};
 use deepct_core::transport::{MonteCarloSettings, Solver, render};
@@ -42,6 +42,9 @@ pub(crate) struct Args {
     /// File of images to write
     #[arg(long, value_name = "I.nc")]
     out: PathBuf,
+    /// Also write the images as OpenEXR, one layer a view
+    #[arg(long, value_name = "I.exr")]
+    exr: Option<PathBuf>,
 }
 
 /// A solver by its name.
@@ -62,6 +65,9 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let scene = Scene::new(medium, sun, surface)?;
     let observation = observe(args, global, &scene, views)?;
     write_observation(&args.out, &observation, &args.provenance(global))?;
+    if let Some(path) = &args.exr {
+        write_exr(path, &observation)?;
+    }
     if !global.quiet {
         let [views, rows, cols] = observation.images.shape();
         println!("{views} views of {rows} x {cols} pixels");

@@ -69,3 +69,14 @@ fn wrong_input_is_refused() {
     refuse("--sun-zenith 95", &["solar zenith", "95"]);
     refuse("--surface-albedo 1.5", &["surface albedo", "1.5"]);
 }
+
+#[test]
+fn images_are_written_as_openexr_too() {
+    let program = Program::new();
+    cloud(&program, "C.nc");
+    program.succeed("render C.nc --views cloudct-10 --samples 2 --out I.nc --exr I.exr");
+    let bytes = std::fs::read(program.path("I.exr")).unwrap();
+    // The magic number of OpenEXR (20000630 in little-endian).
+    assert_eq!(bytes[..4], 20_000_630_u32.to_le_bytes());
+    assert!(bytes.windows(7).any(|name| name == b"view_09"));
+}
