@@ -66,7 +66,7 @@ fn print_report(report: &Report<'_>) {
     println!("formation        {formation}, {} views", view_geometry.view_zenith_deg.len());
     println!("view zenith      {} degrees", degrees(&view_geometry.view_zenith_deg));
     println!("view azimuth     {} degrees", degrees(&view_geometry.view_azimuth_deg));
-    println!("Sun              zenith {zenith} degrees, azimuth {azimuth} degrees");
+    println!("Sun              zenith {zenith:.1} degrees, azimuth {azimuth:.1} degrees");
     println!(
         "target           {} km high, at {} um",
         metadata.target_altitude_km, metadata.wavelength_um
