@@ -9,7 +9,8 @@ use std::path::{Path, PathBuf};
 /// Print the default settings of a verb, with a comment each
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
-    /// The verb
+    /// The verb, and for `cloud generate` the kind of cloud
+    #[arg(value_parser = DEFAULTS.map(|(verb, _)| verb))]
     verb: String,
 }
 
@@ -32,17 +33,9 @@ pub(crate) struct Settings {
 }
 
 pub(crate) fn run(args: &Args) -> Result<Outcome> {
-    match DEFAULTS.iter().find(|(verb, _)| *verb == args.verb) {
-        Some((_, defaults)) => print!("{defaults}"),
-        None => {
-            let known: Vec<_> = DEFAULTS.iter().map(|(verb, _)| *verb).collect();
-            return Err(Error::out_of_range(
-                "verb",
-                format!("\"{}\"", args.verb),
-                format!("one that has settings: {}", known.join(", ")),
-            ));
-        }
-    }
+    let (_, defaults) =
+        DEFAULTS.iter().find(|(verb, _)| *verb == args.verb).expect("clap accepts no other verb");
+    print!("{defaults}");
     Ok(Outcome::Success)
 }
 
@@ -61,14 +54,14 @@ impl Settings {
         if let Some(path) = &self.config {
             let text = std::fs::read_to_string(path).map_err(Error::io(path))?;
             let file: toml::Table =
-                text.parse().map_err(|problem: toml::de::Error| invalid(path, &problem))?;
+                text.parse().map_err(|problem| invalid(path, &problem, defaults))?;
             overlay(&mut table, file);
         }
         for setting in &self.set {
             overlay(&mut table, single(setting)?);
         }
         let origin = self.config.as_deref().unwrap_or(Path::new("--set"));
-        table.try_into().map_err(|problem| invalid(origin, &problem))
+        table.try_into().map_err(|problem| invalid(origin, &problem, defaults))
     }
 }
 
@@ -96,12 +89,13 @@ fn overlay(table: &mut toml::Table, over: toml::Table) {
     }
 }
 
-fn invalid(path: &Path, problem: &toml::de::Error) -> Error {
+fn invalid(path: &Path, problem: &toml::de::Error, defaults: &str) -> Error {
+    let verb = DEFAULTS.iter().find(|(_, text)| *text == defaults).map_or("VERB", |(verb, _)| verb);
     Error::file(
         path,
         "settings",
         problem.message().replace('\n', " "),
-        "see `deepct config VERB` for the keys and their defaults",
+        format!("see `deepct config {verb}` for the keys and their defaults"),
     )
 }
 

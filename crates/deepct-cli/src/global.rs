@@ -7,6 +7,7 @@ const MOST_THREADS: usize = 1024;
 
 /// Flags of every verb.
 #[derive(Debug, Clone, clap::Args)]
+#[command(next_help_heading = "Options of every verb")]
 pub(crate) struct Global {
     /// Threads to use; 0 takes one per processor
     #[arg(long, global = true, default_value_t = 0, value_name = "N")]

@@ -26,12 +26,7 @@ use std::process::ExitCode;
 
 /// Clouds to satellite images, and satellite images to clouds.
 #[derive(Debug, Parser)]
-#[command(
-    name = "deepct",
-    version,
-    about = "Clouds to satellite images, and satellite images to clouds",
-    arg_required_else_help = true
-)]
+#[command(name = "deepct", version, arg_required_else_help = true)]
 struct Cli {
     #[command(flatten)]
     global: Global,

@@ -4,6 +4,7 @@ mod carve;
 mod cloud;
 mod dataset;
 mod demo;
+mod frame;
 mod infer;
 mod plot;
 mod program;
