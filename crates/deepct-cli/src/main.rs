@@ -18,6 +18,7 @@ mod progress;
 mod render;
 mod score;
 mod sense;
+mod validate;
 mod weights;
 
 use clap::{Parser, Subcommand};
@@ -47,6 +48,7 @@ enum Verb {
     Weights(weights::Args),
     Plot(plot::Args),
     Formats(formats::Args),
+    Validate(validate::Args),
     Config(config::Args),
     Completions(completions::Args),
     Man(man::Args),
@@ -75,6 +77,7 @@ fn run(cli: Cli) -> deepct_core::Result<Outcome> {
         Verb::Weights(args) => weights::run(&args),
         Verb::Plot(args) => plot::run(&args),
         Verb::Formats(args) => formats::run(&args),
+        Verb::Validate(args) => validate::run(&args, &cli.global),
         Verb::Config(args) => config::run(&args),
         Verb::Completions(args) => completions::run(&args),
         Verb::Man(args) => man::run(&args),

@@ -29,5 +29,6 @@ pub mod scene;
 pub mod sensor;
 pub mod transport;
 pub mod traverse;
+pub mod validation;
 
 pub use error::{Error, Result};

@@ -11,3 +11,4 @@ mod program;
 mod render;
 mod score;
 mod sense;
+mod validate;

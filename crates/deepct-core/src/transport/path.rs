@@ -127,7 +127,10 @@ impl Tracer {
             let phase = &scattering.phase_function;
             throughput *= scattering.single_scattering_albedo;
             let weight = throughput * phase.density(direction.dot(self.sun.direction));
-            let sunlight = self.sunlight(at, weight, scattering.extinction, rng);
+            // All that comes to this collision comes through the medium of the next one,
+            // sunlight too: what the similar medium does not scatter is in it.
+            let extinction = self.scattering(scatterings + 1).extinction;
+            let sunlight = self.sunlight(at, weight, extinction, rng);
             radiance += sunlight;
             if !survives(&mut throughput, rng) {
                 return radiance;
@@ -137,7 +140,6 @@ impl Tracer {
             scatterings += 1;
 
             // Fly to the next collision, or out.
-            let extinction = self.scattering(scatterings).extinction;
             let heading = self.field.heading(direction);
             let depth = -(1.0 - rng.random::<f64>()).ln() / extinction;
             match self.field.free_path(at, &heading, depth) {

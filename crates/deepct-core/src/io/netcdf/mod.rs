@@ -5,6 +5,7 @@ mod dimension;
 mod field;
 mod observation;
 mod read;
+mod reference;
 mod sample;
 mod write;
 
@@ -14,6 +15,7 @@ pub use field::{
 };
 pub use observation::{read_observation, write_observation};
 pub(crate) use read::{Input, Variable};
+pub use reference::{ReferenceView, read_reference_view};
 pub use sample::write_sample;
 
 /// The most values that are read from one variable at once: a guard against a file

@@ -132,6 +132,17 @@ impl Input {
         Ok(variable)
     }
 
+    /// The numbers of an attribute of a group.
+    ///
+    /// # Errors
+    /// When there is no such group, or it has no such attribute.
+    pub(crate) fn group_numbers(&self, group: &str, attribute: &str) -> Result<Vec<f64>> {
+        let numbers = self.file.group(group).and_then(|group| group.attr(attribute)?.read_raw());
+        numbers.map_err(|_| {
+            self.error(group, format!("has no {attribute}"), "give a group with that attribute")
+        })
+    }
+
     /// A single real number.
     pub(crate) fn scalar(&self, name: &str) -> Result<f64> {
         let values: ArrayD<f64> = self.variable_on(name, &[])?.reals()?;

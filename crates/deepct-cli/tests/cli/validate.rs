@@ -1,0 +1,25 @@
+use crate::program::Program;
+
+#[test]
+fn the_step_cloud_is_right_and_says_so_in_json() {
+    let program = Program::new();
+    let printed = program.succeed("validate --suite step --json");
+    let rows: serde_json::Value = serde_json::from_str(&printed).unwrap();
+    let rows = rows.as_array().unwrap();
+    assert!(rows.len() >= 10, "{printed}");
+    for row in rows {
+        assert_eq!(row["suite"], "step");
+        assert_eq!(row["passed"], true);
+        let difference = row["value"].as_f64().unwrap() - row["reference"].as_f64().unwrap();
+        assert!(difference.abs() <= row["tolerance"].as_f64().unwrap());
+    }
+}
+
+#[test]
+fn wrong_input_is_refused() {
+    let program = Program::new();
+    program.refuse("validate --suite rico", &["--reference", "rico32_cloud.nc"]);
+    program.refuse("validate --suite rico --reference nowhere", &["nowhere", "rico32_cloud.nc"]);
+    std::fs::write(program.path("rico32_cloud.nc"), "not an HDF5 file").unwrap();
+    program.refuse("validate --suite rico --reference .", &["rico32_cloud.nc", "HDF5"]);
+}

@@ -1,0 +1,64 @@
+//! Radiances of other codes, for validation: one group a view.
+
+use super::Input;
+use crate::error::Result;
+use crate::math::DVec3;
+use crate::scene::View;
+use std::path::Path;
+
+/// One view of a scene by two other codes: parallel rays, one value per pixel, row by
+/// row from the south.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ReferenceView {
+    /// The same view.
+    pub view: View,
+    /// Radiance by Mitsuba (1/sr for a flux of 1 through a horizontal plane).
+    pub mitsuba: Vec<f64>,
+    /// Its standard error.
+    pub mitsuba_standard_error: Vec<f64>,
+    /// Radiance by SHDOM.
+    pub shdom: Vec<f64>,
+}
+
+/// The altitude of the plane in which the pixels are squares (km).
+const PIXEL_PLANE: f64 = 1.44;
+
+/// Read the view `name` of the RICO cloud, for the phase function marked `phase` in the
+/// names of the variables.
+///
+/// # Errors
+/// A file that is missing, damaged, or without the view.
+pub fn read_reference_view(path: &Path, name: &str, phase: &str) -> Result<ReferenceView> {
+    let input = Input::open(path)?;
+    let values = |variable: &str| -> Result<Vec<f64>> {
+        let values = input.variable(&format!("{name}/{variable}"))?.reals::<f64>()?;
+        Ok(values.into_raw_vec_and_offset().0)
+    };
+    let (x, y) = (values("x")?, values("y")?);
+    if x.len() < 2 || y.len() < 2 {
+        return Err(input.error(name, "has less than two pixels", "give an image on (y, x)"));
+    }
+    let towards = input.group_numbers(name, "photon_direction")?;
+    let [dx, dy, dz] = towards[..] else {
+        let remedy = "give its components along x, y and z";
+        return Err(input.error(name, "photon_direction is not a vector", remedy));
+    };
+    let middle = |axis: &[f64]| 0.5 * (axis[0] + axis[axis.len() - 1]);
+    let pixel = (y[y.len() - 1] - y[0]) / (y.len() - 1) as f64;
+    let target = DVec3::new(middle(&x), middle(&y), PIXEL_PLANE);
+    let size = [y.len(), x.len()];
+    let view = View::orthographic(DVec3::new(dx, dy, dz), target, pixel, size)?;
+    let image = |variable: String| {
+        let image = values(&variable)?;
+        if image.len() == size[0] * size[1] {
+            return Ok(image);
+        }
+        Err(input.error(&variable, "is not one value per pixel", "give an image on (y, x)"))
+    };
+    Ok(ReferenceView {
+        view,
+        mitsuba: image(format!("mitsuba_{phase}"))?,
+        mitsuba_standard_error: image(format!("mitsuba_{phase}_se"))?,
+        shdom: image(format!("shdom_{phase}"))?,
+    })
+}

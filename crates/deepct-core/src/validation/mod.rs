@@ -1,0 +1,185 @@
+//! Validation: radiative transfer against published and independent numbers.
+//!
+//! A [`Suite`] is a list of cases; each case is a scene, what the solver makes of it,
+//! and the number that it must be. The solver's own noise and the error of the
+//! reference enter the verdict: a value may be off by three standard errors.
+
+mod cubes;
+#[cfg(feature = "files")]
+mod rico;
+mod slabs;
+mod step;
+
+use crate::error::Result;
+use crate::grid::{Grid, Volume};
+use crate::optics::{Medium, PhaseFunction};
+use crate::scene::{Scene, Sun, Surface};
+use crate::transport::{FluxSettings, Fluxes, Share, fluxes};
+use serde::Serialize;
+use std::path::Path;
+use std::time::Instant;
+
+/// A list of cases.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Suite {
+    /// Plane-parallel layers: discrete ordinates, H functions.
+    Slabs,
+    /// Isolated cubes and a sphere.
+    Cubes,
+    /// The step cloud of the I3RC project.
+    Step,
+    /// A simulated cumulus seen by Mitsuba and SHDOM; needs their files.
+    Rico,
+}
+
+impl Suite {
+    /// All suites.
+    pub const ALL: [Self; 4] = [Self::Slabs, Self::Cubes, Self::Step, Self::Rico];
+
+    /// Its name on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Slabs => "slabs",
+            Self::Cubes => "cubes",
+            Self::Step => "step",
+            Self::Rico => "rico",
+        }
+    }
+}
+
+/// How much work to do.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Effort {
+    /// Photons, or samples of a radiance, of one case.
+    pub samples: u32,
+    /// Seed of all random numbers.
+    pub seed: u64,
+}
+
+impl Effort {
+    /// A second or so for each case.
+    pub const QUICK: Self = Self { samples: 200_000, seed: 1 };
+    /// Some minutes for each suite: noise of the size of the references' own.
+    pub const LONG: Self = Self { samples: 10_000_000, seed: 1 };
+}
+
+/// One comparison.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Row {
+    /// The suite.
+    pub suite: Suite,
+    /// What was computed.
+    pub case: String,
+    /// The solver's answer.
+    pub value: f64,
+    /// Its standard error.
+    pub standard_error: f64,
+    /// What it must be.
+    pub reference: f64,
+    /// How far off it may be.
+    pub tolerance: f64,
+    /// Whether it is within the tolerance.
+    pub passed: bool,
+    /// Wall time of the case; rows of one computation share it out.
+    pub seconds: f64,
+}
+
+/// A published or independent number.
+#[derive(Debug, Clone, Copy)]
+struct Reference {
+    value: f64,
+    /// Its standard error, or half a unit of its last digit.
+    standard_error: f64,
+    /// What the two may differ by because they do not solve quite the same problem.
+    systematic: f64,
+}
+
+impl Reference {
+    /// A number with a standard error.
+    const fn new(value: f64, standard_error: f64) -> Self {
+        Self { value, standard_error, systematic: 0.0 }
+    }
+}
+
+/// Where the rows of a suite go.
+struct Report<'a> {
+    suite: Suite,
+    effort: Effort,
+    started: Instant,
+    row: &'a mut dyn FnMut(Row),
+}
+
+impl Report<'_> {
+    /// Compare all values of one computation, which began when the last one ended.
+    fn compare(&mut self, checks: &[(String, Share, Reference)]) {
+        let seconds = self.started.elapsed().as_secs_f64() / checks.len().max(1) as f64;
+        for (case, share, reference) in checks {
+            let noise = share.standard_error.hypot(reference.standard_error);
+            let tolerance = 3.0 * noise + reference.systematic;
+            (self.row)(Row {
+                suite: self.suite,
+                case: case.clone(),
+                value: share.mean,
+                standard_error: share.standard_error,
+                reference: reference.value,
+                tolerance,
+                passed: (share.mean - reference.value).abs() <= tolerance,
+                seconds,
+            });
+        }
+        self.started = Instant::now();
+    }
+
+    /// The fluxes of a scene.
+    fn fluxes(&self, scene: &Scene) -> Result<Fluxes> {
+        let photons = u64::from(self.effort.samples);
+        fluxes(scene, FluxSettings { photons, seed: self.effort.seed })
+    }
+}
+
+/// Run one suite and hand out its rows as they come.
+///
+/// # Errors
+/// [`Suite::Rico`] without the folder of its files, or with files that cannot be used.
+pub fn validate(
+    suite: Suite,
+    effort: Effort,
+    reference: Option<&Path>,
+    row: &mut dyn FnMut(Row),
+) -> Result<()> {
+    let report = Report { suite, effort, started: Instant::now(), row };
+    match suite {
+        Suite::Slabs => slabs::run(report),
+        Suite::Cubes => cubes::run(report),
+        Suite::Step => step::run(report),
+        #[cfg(feature = "files")]
+        Suite::Rico => rico::run(report, reference),
+        #[cfg(not(feature = "files"))]
+        Suite::Rico => Err(crate::error::Error::out_of_range(
+            "suite",
+            "rico",
+            format!("one that needs no files, which {reference:?} would be: built without them"),
+        )),
+    }
+}
+
+/// A medium above a black surface at its bottom, with the Sun in the east.
+fn scene(
+    extinction: Volume,
+    single_scattering_albedo: f64,
+    asymmetry: f64,
+    solar_cosine: f64,
+) -> Result<Scene> {
+    let bottom = extinction.grid.lower().z;
+    let phase = PhaseFunction::henyey_greenstein(asymmetry)?;
+    let medium = Medium::new(extinction, single_scattering_albedo, phase)?;
+    let sun = Sun::from_degrees(solar_cosine.acos().to_degrees(), 90.0)?;
+    Scene::new(medium, sun, Surface { albedo: 0.0, altitude: bottom })
+}
+
+/// A cube of 1 km in `[n, n, n]` voxels.
+fn unit_grid(n: usize) -> Result<Grid> {
+    let spacing = crate::math::DVec3::splat(1.0 / n as f64);
+    Grid::new(crate::math::DVec3::ZERO, spacing, [n, n, n])
+}

@@ -1,0 +1,109 @@
+//! A cumulus from a large-eddy simulation of the RICO campaign, as Mitsuba (Monte
+//! Carlo) and SHDOM (spherical harmonics and discrete ordinates) see it.
+
+use super::{Reference, Report};
+use crate::error::{Error, Result};
+use crate::io::{ReferenceView, read_reference_view, read_volume};
+use crate::optics::{Interpolation, Medium, PhaseFunction};
+use crate::scene::{Scene, Sun, Surface};
+use crate::transport::{MonteCarloSettings, Rendering, Share, Solver, render};
+use std::path::Path;
+
+/// The views, by the names of their groups in the file.
+const VIEWS: [&str; 5] = ["nadir", "plus26", "minus26", "plus46", "minus46"];
+
+/// Asymmetry, the mark of it in the names of the variables, and how far the means of
+/// the two codes are apart, which is what ours may be off.
+const PHASES: [(f64, &str, f64); 2] = [(0.0, "g000", 0.01), (0.85, "g085", 0.015)];
+
+/// The radiances are for a flux of 1 through a horizontal plane.
+const SUN_ZENITH_DEG: f64 = 30.0;
+
+pub(super) fn run(mut report: Report, reference: Option<&Path>) -> Result<()> {
+    let Some(folder) = reference else {
+        return Err(Error::out_of_range(
+            "reference folder of the suite rico",
+            "not given",
+            "one with rico32_cloud.nc and rico32_views.nc",
+        ));
+    };
+    let extinction = read_volume(folder.join("rico32_cloud.nc"))?;
+    // A pixel takes this many samples: the longest view has 3108 of them.
+    let samples_per_pixel = (report.effort.samples / 400).max(2);
+    for (asymmetry, mark, apart) in PHASES {
+        let phase = PhaseFunction::henyey_greenstein(asymmetry)?;
+        let medium = Medium::new(extinction.clone(), 1.0, phase)?
+            .with_interpolation(Interpolation::Trilinear);
+        // In the files light travels to the north-east.
+        let sun = Sun::from_degrees(SUN_ZENITH_DEG, 225.0)?;
+        let scene = Scene::new(medium, sun, Surface::BLACK)?;
+        for name in VIEWS {
+            let expected = read_reference_view(&folder.join("rico32_views.nc"), name, mark)?;
+            let seed = report.effort.seed;
+            let settings = MonteCarloSettings { samples_per_pixel, seed, ..Default::default() };
+            let view = expected.view;
+            let found = render(&scene, &[view], &Solver::MonteCarlo(settings), &|_| ())?;
+            compare(&mut report, &format!("{name}, g {asymmetry}"), &found, &expected, apart);
+        }
+    }
+    Ok(())
+}
+
+/// View means against both codes, and the chi-square of the pixels against Mitsuba.
+fn compare(
+    report: &mut Report,
+    case: &str,
+    found: &Rendering,
+    expected: &ReferenceView,
+    apart: f64,
+) {
+    let flux = 1.0 / SUN_ZENITH_DEG.to_radians().cos();
+    let scaled = |values: &ndarray::Array3<f32>| -> Vec<f64> {
+        values.iter().map(|value| flux * f64::from(*value)).collect()
+    };
+    let (radiance, error) = (scaled(&found.images.values), scaled(&found.standard_error.values));
+    let mean = mean_of(&radiance, &error);
+    let mitsuba = mean_of(&expected.mitsuba, &expected.mitsuba_standard_error);
+    let shdom = mean_of(&expected.shdom, &[]);
+    let reference = |share: Share| Reference {
+        value: share.mean,
+        standard_error: share.standard_error,
+        systematic: apart * share.mean,
+    };
+    let (chi_square, pixels) = chi_square(&radiance, &error, expected);
+    report.compare(&[
+        (format!("{case}: view mean against Mitsuba"), mean, reference(mitsuba)),
+        (format!("{case}: view mean against SHDOM"), mean, reference(shdom)),
+        (
+            format!("{case}: chi-square per pixel against Mitsuba"),
+            chi_square,
+            Reference {
+                value: 1.0,
+                // The standard errors are estimates too, poor ones where few samples shine.
+                systematic: if apart > 0.01 { 1.0 } else { 0.1 },
+                standard_error: (2.0 / pixels).sqrt(),
+            },
+        ),
+    ]);
+}
+
+fn mean_of(values: &[f64], errors: &[f64]) -> Share {
+    let count = values.len() as f64;
+    Share {
+        mean: values.iter().sum::<f64>() / count,
+        standard_error: errors.iter().map(|error| error * error).sum::<f64>().sqrt() / count,
+    }
+}
+
+/// Over the pixels that see cloud, and their number.
+fn chi_square(radiance: &[f64], error: &[f64], expected: &ReferenceView) -> (Share, f64) {
+    let (mut sum, mut count) = (0.0, 0.0);
+    for (pixel, value) in radiance.iter().enumerate() {
+        let variance = error[pixel].powi(2) + expected.mitsuba_standard_error[pixel].powi(2);
+        if variance > 0.0 {
+            sum += (value - expected.mitsuba[pixel]).powi(2) / variance;
+            count += 1.0;
+        }
+    }
+    (Share { mean: sum / count, standard_error: 0.0 }, count)
+}
