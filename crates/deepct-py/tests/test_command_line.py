@@ -9,19 +9,23 @@ import pytest
 import deepct_py
 
 
+NAMES = ("cloud", "images", "evening", "noisy", "mask", "volume")
+
+
 @pytest.fixture(scope="module")
 def files(tmp_path_factory, command_line):
-    """What the command line makes of a small cloud, stage by stage."""
+    """What the command line makes of a cloud, stage by stage."""
     folder = tmp_path_factory.mktemp("command_line")
-    paths = {name: folder / f"{name}.nc" for name in ("cloud", "images", "noisy", "mask", "half")}
-    small = ["--set", "shape=[24, 20, 20]", "--set", "width_km=0.6", "--set", "depth_km=0.6"]
-    command_line("cloud", "generate", "--seed", 4, *small, "--out", paths["cloud"])
-    command_line(
-        "render", paths["cloud"], "--views", "cloudct-10", "--samples", 4, "--seed", 5,
-        "--sun-zenith", 50, "--sun-azimuth", 200, "--out", paths["images"],
-    )
+    paths = {name: folder / f"{name}.nc" for name in NAMES}
+    command_line("cloud", "generate", "--seed", 4, "--set", "width_km=0.6", "--out", paths["cloud"])
+    render = ("render", paths["cloud"], "--views", "cloudct-10", "--seed", 5)
+    command_line(*render, "--samples", 4, "--out", paths["images"])
+    evening = ("--sun-zenith", 70, "--sun-azimuth", 260, "--surface-albedo", 0.3)
+    command_line(*render, "--samples", 2, *evening, "--out", paths["evening"])
     command_line("sense", paths["images"], "--seed", 6, "--out", paths["noisy"])
     command_line("carve", paths["noisy"], "--grid", paths["cloud"], "--out", paths["mask"])
+    weights = ("--weights", "cloudct-10", "--mask", paths["mask"])
+    command_line("infer", paths["noisy"], *weights, "--out", paths["volume"])
     return paths
 
 
@@ -32,12 +36,12 @@ def read(path, name):
 
 @pytest.fixture(scope="module")
 def cloud():
-    return deepct_py.generate_cloud(seed=4, shape=(24, 20, 20), width_km=0.6, depth_km=0.6)
+    return deepct_py.generate_cloud(seed=4, width_km=0.6)
 
 
 @pytest.fixture(scope="module")
 def cloud_views(cloud):
-    return deepct_py.Views.load("cloudct-10", target=cloud.grid.center, size=(20, 20))
+    return deepct_py.Views.load("cloudct-10", target=cloud.grid.center)
 
 
 def test_clouds(files, cloud):
@@ -50,12 +54,15 @@ def test_clouds(files, cloud):
 
 
 def test_images(files, cloud, cloud_views):
-    rendering = deepct_py.render(
-        cloud.extinction, cloud.grid, cloud_views, deepct_py.Sun(50.0, 200.0),
-        samples_per_pixel=4, seed=5,
-    )
-    assert rendering.radiance.max() > 0.05
-    assert np.array_equal(rendering.radiance, read(files["images"], "radiance"))
+    scene = (cloud.extinction, cloud.grid, cloud_views)
+    images = deepct_py.render(*scene, samples_per_pixel=4, seed=5).radiance
+    assert images.max() > 0.05
+    assert np.array_equal(images, read(files["images"], "radiance"))
+    sun = deepct_py.Sun(70.0, 260.0)
+    evening = deepct_py.render(*scene, sun, surface_albedo=0.3, samples_per_pixel=2, seed=5)
+    assert np.array_equal(evening.radiance, read(files["evening"], "radiance"))
+    stored = read(files["evening"], "radiance_standard_error")
+    assert np.array_equal(evening.standard_error, stored)
 
 
 def test_noise(files):
@@ -69,19 +76,18 @@ def test_masks(files, cloud, cloud_views):
     assert np.array_equal(carved.mask, read(files["mask"], "mask").astype(bool))
 
 
-def test_scores(files, cloud, command_line):
-    """The command line scores the cloud against itself without its lower half."""
-    with h5py.File(files["cloud"]) as whole, h5py.File(files["half"], "w") as half:
-        for name in whole:
-            whole.copy(name, half)
-        half.attrs.update(whole.attrs)
-        for name in ("lwc", "reff", "veff"):
-            half[name][:12] = 0.0
-    answer = command_line("score", "--truth", files["cloud"], files["half"], "--json")
-    estimate = cloud.extinction.copy()
-    estimate[:12] = 0.0
-    scores = deepct_py.score(cloud.extinction, estimate)
+def test_volumes_and_their_scores(files, cloud, cloud_views, command_line):
+    radiance, mask = read(files["noisy"], "radiance"), read(files["mask"], "mask").astype(bool)
+    network = deepct_py.Network.load("cloudct-10")
+    extinction = network.infer(radiance, cloud_views, mask=mask)
+    assert extinction.max() > 1.0
+    assert np.array_equal(extinction, read(files["volume"], "extinction"))
+    grid = network.grid(cloud_views)
+    for axis in "xyz":
+        np.testing.assert_allclose(getattr(grid, axis), read(files["volume"], axis), rtol=1e-9)
+    answer = command_line("score", "--truth", files["cloud"], files["volume"], "--json")
     row = json.loads(answer)[0]
+    scores = deepct_py.score(cloud.extinction, extinction)
     for name in ("relative_error", "mass_error", "root_mean_square_error", "correlation"):
         assert row[name] == getattr(scores, name) != 0.0
     assert [level["truth"] for level in row["profile"]] == scores.truth_by_level.tolist()
