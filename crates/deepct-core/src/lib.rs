@@ -8,6 +8,38 @@
 //! images -> carve -> mask;  images + network -> extinction
 //! truth + extinction -> metrics, plot
 //! ```
+//!
+//! The whole way, from a cloud to its images and back:
+//!
+//! ```
+//! use deepct_core::carve::{CarveSettings, carve};
+//! use deepct_core::cloud::{CumulusSettings, cumulus};
+//! use deepct_core::metrics::score;
+//! use deepct_core::network::Network;
+//! use deepct_core::optics::{Medium, extinction};
+//! use deepct_core::scene::{Formation, Observation, Scene, Sun, Surface};
+//! use deepct_core::sensor::{Scale, Sensor, sense};
+//! use deepct_core::transport::{Solver, render};
+//!
+//! let seed = 1;
+//! let cloud = cumulus(&CumulusSettings::default(), seed)?;
+//! let sun = Sun::default();
+//! let scene = Scene::new(Medium::from_cloud(&cloud)?, sun, Surface::OCEAN)?;
+//! let views = Formation::cloudct_10().views(cloud.grid.center(), [32, 32])?;
+//! let radiance = render(&scene, &views, &Solver::default(), &|_| ())?.images;
+//! let noisy = sense(&radiance, &Sensor::CMV4000, Scale::BrightestAtFullWell, seed)?.images;
+//!
+//! let observation = Observation::new(sun, views, noisy)?;
+//! let mask = carve(&observation, &cloud.grid, &CarveSettings::default())?.mask;
+//! let network = Network::new(&deepct_core::io::load_weights("cloudct-10")?)?;
+//! let target = cloud.grid.center();
+//! let mut estimate = network.infer(&observation.images, [target.x, target.y])?;
+//! mask.apply(&mut estimate)?;
+//!
+//! // Nothing at all would score 1.
+//! assert!(score(&extinction(&cloud)?, &estimate)?.relative_error < 0.9);
+//! # Ok::<(), deepct_core::Error>(())
+//! ```
 
 pub mod carve;
 pub mod cloud;

@@ -13,7 +13,7 @@
 //! Kernel   the inner loops, chosen by what the processor can do
 //! ```
 //!
-//! Between layers the channels lie in padded [planes](shape::Plane), in which a shift
+//! Between layers the channels lie in padded planes, in which a shift
 //! by a tap is an offset: no border case is left in any loop.
 
 mod im2col;

@@ -21,8 +21,9 @@ pub struct MonteCarloSettings {
     /// Seed of all random numbers.
     pub seed: u64,
     /// After this many scatterings a path goes on in a similar medium, thinner and
-    /// without the forward peak: faster and far less noisy, but biased by a few parts
-    /// in a thousand. `None`, the default, is unbiased; 1 is recommended otherwise.
+    /// without the forward peak: faster and far less noisy, but biased. The view means
+    /// of thick lumps are up to 7 % too bright after 1, up to 3 % after 3 and up to 2 %
+    /// off after 4. `None`, the default, is unbiased.
     pub similarity_after: Option<u32>,
 }
 
