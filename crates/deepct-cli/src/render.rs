@@ -24,10 +24,11 @@ pub(crate) struct Args {
     #[arg(long, value_enum, default_value_t = Method::MonteCarlo)]
     solver: Method,
     /// Light paths of each pixel
-    #[arg(long, default_value_t = MonteCarloSettings::default().samples_per_pixel, value_name = "N")]
+    #[arg(long, default_value_t = 1024, value_name = "N")]
     samples: u32,
     /// After this many scatterings, go on without the forward peak: much less noise
-    /// for the same time, and an error of a few parts in a thousand (1 is a good value)
+    /// for the same time, and up to 3 % of error in the view means of a thick cloud
+    /// after 3, up to 7 % after 1
     #[arg(long, value_name = "N")]
     similarity_after: Option<u32>,
     /// Angle between the zenith and the Sun (degrees)
