@@ -98,7 +98,7 @@ impl Default for FieldSettings {
             origin_km: cumulus.origin_km,
             base_km: cumulus.base_km,
             cover: 0.17,
-            widths_km: [0.15, 1.5],
+            widths_km: [0.1, 1.0],
             size_exponent: -1.7,
             droplets_per_cm3: cumulus.droplets_per_cm3,
             adiabatic_fraction: cumulus.adiabatic_fraction,
@@ -453,7 +453,7 @@ mod tests {
         let cloud = field(&settings, 4).unwrap();
         let highest = water(&cloud).fold_axis(Axis(0), 0.0_f32, |most, water| most.max(*water));
         let cover = highest.iter().filter(|most| **most > 0.0).count() as f64 / 128.0 / 128.0;
-        // The last cloud may overshoot by its own size, at most 1.5 km across.
+        // The last cloud may overshoot by its own size, at most 1 km across.
         assert!((0.12..0.18).contains(&cover), "cover {cover}");
     }
 

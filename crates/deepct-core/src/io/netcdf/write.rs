@@ -37,6 +37,8 @@ impl Output {
         let temporary = crate::io::temporary_beside(path)?;
         let file = hdf5::File::with_options()
             .with_fapl(|access| access.libver_v18())
+            // Without the time of day the same run writes the same bytes.
+            .with_fcpl(|creation| creation.obj_track_times(false))
             .create(&temporary)
             .map_err(|problem| cannot_write(path, "file", &problem))?;
         let output = Self { path: path.into(), temporary, file, dimensions: Vec::new() };
