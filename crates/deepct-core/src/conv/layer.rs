@@ -141,9 +141,17 @@ impl Conv2d {
         for channels in self.input_runs() {
             let depth = TAPS * channels.len();
             let columns = &mut scratch[..depth * pixels];
+            let shares = even_shares(channels.clone(), self.output_blocks().count());
             let panel = Panel { planes: input, plane, channels, first: tile.first + first };
+            let next = Panel { first: panel.first + pixels, ..panel.clone() };
             self.kernel.gather(panel, columns);
-            for block in self.output_blocks() {
+            for (block, channels) in self.output_blocks().zip(shares) {
+                // While this block is computed, what the next panel reads and writes is on
+                // its way into the cache.
+                self.kernel.prefetch_panel(Panel { channels, ..next.clone() });
+                for output in block.clone() {
+                    self.kernel.prefetch(tile.row(output), first + pixels);
+                }
                 let weights;
                 (weights, packed) = packed.split_at(depth * block.len());
                 let sums = &mut sums[block.start * pixels..block.end * pixels];
@@ -177,8 +185,13 @@ impl Conv2d {
 
 /// `0..count` in as few parts as hold at most `most` each, as even as can be.
 fn even_parts(count: usize, most: usize) -> impl Iterator<Item = Range<usize>> {
-    let parts = count.div_ceil(most);
-    (0..parts).map(move |part| part * count / parts..(part + 1) * count / parts)
+    even_shares(0..count, count.div_ceil(most))
+}
+
+/// A range in that many parts, as even as can be; some are empty when it is short.
+fn even_shares(range: Range<usize>, parts: usize) -> impl Iterator<Item = Range<usize>> {
+    let at = move |part: usize| range.start + part * range.len() / parts;
+    (0..parts).map(move |part| at(part)..at(part + 1))
 }
 
 #[cfg(test)]

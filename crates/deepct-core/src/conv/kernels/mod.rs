@@ -17,6 +17,8 @@ mod scalar;
 mod tiles;
 
 use crate::conv::im2col::Panel;
+#[cfg(target_arch = "x86_64")]
+use crate::conv::shape::LINE;
 pub(super) use tiles::{Cut, Tile, Tiles};
 
 /// A set of inner loops that the processor can run.
@@ -101,6 +103,29 @@ impl Kernel {
             #[cfg(target_arch = "x86_64")]
             Instructions::Avx512 => unsafe { avx512::gather(panel, columns) },
         }
+    }
+
+    /// Ask the cache for the input that `panel` is the first to see: its lowest row.
+    pub(super) fn prefetch_panel(self, panel: Panel<'_>) {
+        let lowest = panel.first + 2 * panel.plane.pitch();
+        for channel in panel.channels {
+            self.prefetch(panel.planes, channel * panel.plane.len() + lowest);
+        }
+    }
+
+    /// Ask the cache for the values of a panel from position `from` on. Positions beyond
+    /// the end are allowed, and where there is no such instruction nothing is done.
+    #[allow(unsafe_code)]
+    pub(super) fn prefetch(self, values: &[f32], from: usize) {
+        #[cfg(target_arch = "x86_64")]
+        for line in (from..from + self.pixels() + LINE).step_by(LINE) {
+            use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
+            // SAFETY: a prefetch reads nothing that the program can see and may name any
+            // address.
+            unsafe { _mm_prefetch::<_MM_HINT_T0>(values.as_ptr().wrapping_add(line).cast()) };
+        }
+        #[cfg(not(target_arch = "x86_64"))]
+        let _ = (values, from);
     }
 
     /// Add to `sums`, `[output channel, pixel]`, the product of `weights`,
