@@ -41,7 +41,7 @@ for example in crates/deepct-core/examples/*.rs; do
     [ -e "$example" ] || continue
     name="$(basename "$example" .rs)"
     echo "-- $name"
-    cargo run --release --locked --quiet --package deepct-core --example "$name"
+    cargo run --release --locked --quiet --example "$name"
 done
 
 part "Python: environment in .venv"
