@@ -3,7 +3,9 @@
 
 use deepct_core::grid::{Grid, Volume};
 use deepct_core::math::{DVec3, Ray, deflect, towards};
-use deepct_core::optics::{Interpolation, Medium, PhaseFunction};
+use deepct_core::optics::{
+    DropletOptics, DropletTable, Interpolation, Medium, PhaseFunction, Scattering,
+};
 use deepct_core::rng::{Purpose, RngExt, stream};
 use deepct_core::scene::{Boundary, Formation, Scene, Sun, Surface, View};
 use deepct_core::transport::{
@@ -12,6 +14,7 @@ use deepct_core::transport::{
 use deepct_core::validation::{Effort, Suite, validate};
 use ndarray::Array3;
 use std::f64::consts::PI;
+use std::sync::Arc;
 
 fn suite_holds(suite: Suite, samples: u32) {
     let mut rows = Vec::new();
@@ -234,6 +237,54 @@ fn the_image_is_the_same_for_any_number_of_threads() {
     let alone = image(1);
     assert!(alone.images.brightest() > 0.01);
     assert_eq!(alone, image(5));
+}
+
+/// The lumps with droplets of 8 um below and 12 um above, of which every property is
+/// that of `albedo` and `asymmetry` by radius.
+fn droplets(optics: [(f64, f64); 2]) -> Medium {
+    let nodes =
+        [8.0, 12.0].into_iter().zip(optics).map(|(effective_radius, (albedo, g))| DropletOptics {
+            effective_radius,
+            extinction_per_water: 1500.0 / effective_radius,
+            single_scattering_albedo: albedo,
+            phase_function: PhaseFunction::henyey_greenstein(g).unwrap(),
+        });
+    let table = Arc::new(DropletTable::new(nodes.collect()).unwrap());
+    let medium = lumps(1.0);
+    let effective_radius =
+        Array3::from_shape_fn(
+            medium.extinction.grid.shape,
+            |(k, _, _)| {
+                if k < 4 { 8.0 } else { 12.0 }
+            },
+        );
+    Medium { scattering: Scattering::Droplets { effective_radius, table }, ..medium }
+}
+
+/// Droplets of different radii but of the same optics are no different from a uniform
+/// medium, and light that meets absorbing droplets above is lost whatever is below.
+#[test]
+fn each_voxel_scatters_as_its_own_droplets_do() {
+    let black = |medium| Scene::new(medium, Sun::default(), Surface::BLACK).unwrap();
+    let views = Formation::cloudct_10().views(lumps(1.0).extinction.grid.center(), [8, 8]).unwrap();
+    for similarity_after in [None, Some(1)] {
+        let image = |medium| draw(&black(medium), &views, monte_carlo(8, similarity_after)).images;
+        let (uniform, alike) = (image(lumps(0.95)), image(droplets([(0.95, 0.8); 2])));
+        for (a, b) in uniform.values.iter().zip(&alike.values) {
+            assert!((a - b).abs() <= 1e-5 * a.abs(), "{a} and {b}");
+        }
+    }
+    let fluxes = |medium| {
+        fluxes(&black(medium), FluxSettings { photons: 50_000, ..Default::default() }).unwrap()
+    };
+    let absorbing_above = fluxes(droplets([(1.0, 0.8), (0.0, 0.8)]));
+    let absorbing_below = fluxes(droplets([(0.0, 0.8), (1.0, 0.8)]));
+    let absorbing = fluxes(lumps(0.0));
+    assert!(absorbing.absorbed.mean > absorbing_above.absorbed.mean);
+    assert!(absorbing_above.absorbed.mean > absorbing_below.absorbed.mean + 0.1);
+    let noise = 3.0 * absorbing.unscattered.standard_error * 2_f64.sqrt();
+    let unscattered = [absorbing_above, absorbing_below].map(|found| found.unscattered.mean);
+    assert!(unscattered.iter().all(|mean| (mean - absorbing.unscattered.mean).abs() < noise));
 }
 
 #[test]

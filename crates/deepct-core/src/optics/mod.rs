@@ -1,11 +1,16 @@
 //! Optics: what a cloud does to light, voxel by voxel.
 //!
-//! [`Medium`] is what the transport room sees: extinction by voxel, the
-//! single-scattering albedo and the phase function of a scattering event.
+//! [`Medium`] is what the transport room sees: extinction by voxel, and what a
+//! collision does ([`Scattering`]): single-scattering albedo and phase function, the
+//! same everywhere or by the size of each voxel's droplets ([`DropletTable`]).
 
+mod droplet_table;
 mod phase;
+mod scattering;
 
+pub use droplet_table::{DropletOptics, DropletTable, Mixture};
 pub use phase::{PhaseFunction, PhaseTable};
+pub use scattering::{Collision, Scattering};
 
 use crate::cloud::Cloud;
 use crate::error::{Error, Result};
@@ -33,14 +38,12 @@ pub struct Medium {
     pub extinction: Volume,
     /// How extinction varies between voxel centres.
     pub interpolation: Interpolation,
-    /// Probability that an interaction scatters and does not absorb.
-    pub single_scattering_albedo: f64,
-    /// Where scattered light goes.
-    pub phase_function: PhaseFunction,
+    /// What a collision does.
+    pub scattering: Scattering,
 }
 
 impl Medium {
-    /// A medium with voxels of constant extinction.
+    /// A medium with voxels of constant extinction that scatters alike everywhere.
     ///
     /// # Errors
     /// A negative or non-finite extinction; an albedo outside `[0, 1]`.
@@ -50,18 +53,10 @@ impl Medium {
         phase_function: PhaseFunction,
     ) -> Result<Self> {
         extinction.check_non_negative("extinction")?;
-        if !(0.0..=1.0).contains(&single_scattering_albedo) {
-            return Err(Error::out_of_range(
-                "single-scattering albedo",
-                single_scattering_albedo,
-                "between 0 and 1",
-            ));
-        }
         Ok(Self {
             extinction,
             interpolation: Interpolation::Constant,
-            single_scattering_albedo,
-            phase_function,
+            scattering: Scattering::uniform(single_scattering_albedo, phase_function)?,
         })
     }
 

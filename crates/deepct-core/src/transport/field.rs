@@ -27,6 +27,10 @@ const MOST_PERIODS: u32 = 100_000;
 pub(super) struct Field {
     lower: DVec3,
     inverse_cell: DVec3,
+    /// The corner of the first cell and the number of voxels of the grid, in voxels
+    /// along x, y, z.
+    corner: DVec3,
+    voxels: [i32; 3],
     /// Number of cells along x, y, z.
     cells: [i32; 3],
     /// Steps in the arrays to the next cell along x, y, z.
@@ -90,6 +94,8 @@ impl Field {
         let mut field = Self {
             lower: grid.lower() + grid.spacing * corner,
             inverse_cell: grid.spacing.recip(),
+            corner,
+            voxels: [nx, ny, nz].map(|n| n as i32),
             cells: cells.map(|n| n as i32),
             stride: stride.map(|n| n as i32),
             majorant: vec![OUTSIDE; stride[2] * (cells[2] + 2)],
@@ -159,6 +165,22 @@ impl Field {
     /// A point in the field's coordinates, in km.
     pub(super) fn point(&self, local: DVec3) -> DVec3 {
         self.lower + local / self.inverse_cell
+    }
+
+    /// The grid's voxel `[z, y, x]` that holds a point of the field's coordinates.
+    #[inline]
+    pub(super) fn voxel(&self, local: DVec3) -> [usize; 3] {
+        let index = (local + self.corner).floor().as_ivec3().to_array();
+        let inside = |axis: usize| {
+            let count = self.voxels[axis];
+            let index = if self.periodic && axis < 2 {
+                index[axis].rem_euclid(count)
+            } else {
+                index[axis].clamp(0, count - 1)
+            };
+            index as usize
+        };
+        [inside(2), inside(1), inside(0)]
     }
 
     /// A direction (unit vector) made ready.
@@ -647,6 +669,25 @@ mod tests {
                     let rest = Ray { origin: ray.at(distance), ..ray };
                     assert!((total - depth(&field, &rest) - target).abs() < 1e-9, "{ray:?}");
                     assert!(field.free_path(origin, &heading, 1.001 * total).is_none());
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_point_knows_its_voxel() {
+        for interpolation in [Interpolation::Constant, Interpolation::Trilinear] {
+            for boundary in [Boundary::Open, Boundary::Periodic] {
+                let medium = sparse().with_interpolation(interpolation);
+                let grid = medium.extinction.grid;
+                let field = Field::new(&medium, boundary);
+                for voxel in [[0, 0, 0], [3, 4, 5]] {
+                    let point = grid.voxel_center(voxel) + 0.4 * grid.spacing;
+                    assert_eq!(field.voxel(field.local(point)), voxel);
+                    let next = point + DVec3::new(grid.extent().x, -grid.extent().y, 0.0);
+                    if boundary == Boundary::Periodic {
+                        assert_eq!(field.voxel(field.local(next)), voxel);
+                    }
                 }
             }
         }

@@ -3,10 +3,11 @@
 use super::field::{Field, Heading};
 use crate::error::Result;
 use crate::math::{DVec3, Ray};
-use crate::optics::{Medium, PhaseFunction};
+use crate::optics::{Collision, DropletOptics, DropletTable, PhaseFunction, Scattering};
 use crate::rng::{RngExt, Stream};
 use crate::scene::Scene;
 use std::f64::consts::PI;
+use std::sync::Arc;
 
 /// Paths of less throughput than this live on by chance.
 const ROULETTE: f64 = 0.3;
@@ -26,64 +27,93 @@ pub(super) struct Tracer {
     /// How light scatters at first, and after `similarity_after` scatterings.
     full: Scattering,
     similar: Scattering,
+    /// Extinction of the similar medium over that of the medium.
+    thinner: f64,
     similarity_after: u32,
 }
 
-/// What happens in a collision.
-#[derive(Debug)]
-struct Scattering {
-    /// Extinction over that of the medium.
-    extinction: f64,
-    single_scattering_albedo: f64,
-    phase_function: PhaseFunction,
-}
-
-impl Scattering {
-    fn of(medium: &Medium) -> Self {
-        Self {
-            extinction: 1.0,
-            single_scattering_albedo: medium.single_scattering_albedo,
-            phase_function: medium.phase_function.clone(),
+/// The similar medium (van de Hulst 1980, section 14.1): extinction over that of the
+/// medium, and its scattering. A share of the light, which is in the forward peak, is
+/// not scattered at all; the rest follows a Henyey-Greenstein function that keeps the
+/// mean cosine. The share is `g^2`, which keeps the second moment too (Joseph, Wiscombe
+/// and Weinman 1976), with the smallest `g` of the medium: one factor scales the
+/// extinction everywhere.
+fn without_peak(scattering: &Scattering) -> Result<(f64, Scattering)> {
+    match scattering {
+        Scattering::Uniform { single_scattering_albedo, phase_function } => {
+            let (albedo, asymmetry) = (*single_scattering_albedo, phase_function.asymmetry());
+            let extinction = 1.0 - albedo * asymmetry.max(0.0).powi(2);
+            let (albedo, phase) = similar(albedo, phase_function, extinction)?;
+            Ok((extinction, Scattering::uniform(albedo, phase)?))
+        }
+        Scattering::Droplets { effective_radius, table } => {
+            let removed = |node: &DropletOptics| {
+                node.single_scattering_albedo * node.phase_function.asymmetry().max(0.0).powi(2)
+            };
+            let extinction = 1.0 - table.nodes().iter().map(removed).fold(f64::INFINITY, f64::min);
+            let nodes = table.nodes().iter().map(|node| {
+                let (single_scattering_albedo, phase_function) =
+                    similar(node.single_scattering_albedo, &node.phase_function, extinction)?;
+                let extinction_per_water = extinction * node.extinction_per_water;
+                Ok(DropletOptics {
+                    extinction_per_water,
+                    single_scattering_albedo,
+                    phase_function,
+                    ..*node
+                })
+            });
+            let table = Arc::new(DropletTable::new(nodes.collect::<Result<_>>()?)?);
+            let effective_radius = effective_radius.clone();
+            Ok((extinction, Scattering::Droplets { effective_radius, table }))
         }
     }
+}
 
-    /// Scattering in a similar medium (van de Hulst 1980, section 14.1): the share
-    /// `g^2` of the light, which is in the forward peak, is not scattered at all; the
-    /// rest follows a Henyey-Greenstein function of asymmetry `g / (1 + g)`, which
-    /// keeps the first two moments (Joseph, Wiscombe and Weinman 1976).
-    fn without_peak(&self) -> Result<Self> {
-        let asymmetry = self.phase_function.asymmetry().max(0.0);
-        let peak = asymmetry * asymmetry;
-        let extinction = 1.0 - self.single_scattering_albedo * peak;
-        let phase_function = if peak > 0.0 {
-            PhaseFunction::henyey_greenstein(asymmetry / (1.0 + asymmetry))?
-        } else {
-            self.phase_function.clone()
-        };
-        let single_scattering_albedo = self.single_scattering_albedo * (1.0 - peak) / extinction;
-        Ok(Self { extinction, single_scattering_albedo, phase_function })
+/// Albedo and phase function where the share `1 - extinction` of all collisions is
+/// left out because it scatters straight on.
+fn similar(albedo: f64, phase: &PhaseFunction, extinction: f64) -> Result<(f64, PhaseFunction)> {
+    let left_out = 1.0 - extinction;
+    if left_out == 0.0 {
+        return Ok((albedo, phase.clone()));
     }
+    let scattered = albedo - left_out;
+    let asymmetry = (albedo * phase.asymmetry() - left_out) / scattered;
+    Ok((scattered / extinction, PhaseFunction::henyey_greenstein(asymmetry)?))
 }
 
 impl Tracer {
     /// Make a scene ready.
     pub(super) fn new(scene: &Scene, similarity_after: Option<u32>) -> Result<Self> {
         let field = Field::new(&scene.medium, scene.boundary);
-        let full = Scattering::of(&scene.medium);
+        let full = scene.medium.scattering.clone();
+        let (thinner, similar) = without_peak(&full)?;
         Ok(Self {
             sun: field.heading(scene.sun.towards()),
             ground: field.local(DVec3::new(0.0, 0.0, scene.surface.altitude)).z,
             reflectance: scene.surface.albedo / PI,
-            similar: full.without_peak()?,
             full,
+            similar,
+            thinner,
             similarity_after: similarity_after.unwrap_or(u32::MAX),
             field,
         })
     }
 
+    /// What a collision at a point does after a number of scatterings.
     #[inline]
-    fn scattering(&self, scatterings: u32) -> &Scattering {
-        if scatterings < self.similarity_after { &self.full } else { &self.similar }
+    fn collision(&self, at: DVec3, scatterings: u32) -> Collision<'_> {
+        let full = scatterings < self.similarity_after;
+        let scattering = if full { &self.full } else { &self.similar };
+        match scattering {
+            Scattering::Uniform { .. } => scattering.at([0; 3]),
+            Scattering::Droplets { .. } => scattering.at(self.field.voxel(at)),
+        }
+    }
+
+    /// Extinction over that of the medium, after a number of scatterings.
+    #[inline]
+    fn extinction(&self, scatterings: u32) -> f64 {
+        if scatterings < self.similarity_after { 1.0 } else { self.thinner }
     }
 
     /// One sample of the radiance (1/sr, per unit irradiance) that comes along a ray.
@@ -93,7 +123,7 @@ impl Tracer {
     pub(super) fn radiance(&self, ray: &Ray, rng: &mut Stream) -> f64 {
         let origin = self.field.local(ray.origin);
         let heading = self.field.heading(ray.direction);
-        let extinction = self.scattering(0).extinction;
+        let extinction = self.extinction(0);
         let depth = extinction * self.field.optical_depth(origin, &heading, f64::INFINITY);
         let scattered = -(-depth).exp_m1();
         let mut radiance = 0.0;
@@ -123,20 +153,19 @@ impl Tracer {
         let mut scatterings = 0;
         loop {
             // Scatter: light of the Sun, then of all other directions.
-            let scattering = self.scattering(scatterings);
-            let phase = &scattering.phase_function;
-            throughput *= scattering.single_scattering_albedo;
-            let weight = throughput * phase.density(direction.dot(self.sun.direction));
+            let collision = self.collision(at, scatterings);
+            throughput *= collision.single_scattering_albedo;
+            let weight = throughput * collision.density(direction.dot(self.sun.direction));
             // All that comes to this collision comes through the medium of the next one,
             // sunlight too: what the similar medium does not scatter is in it.
-            let extinction = self.scattering(scatterings + 1).extinction;
+            let extinction = self.extinction(scatterings + 1);
             let sunlight = self.sunlight(at, weight, extinction, rng);
             radiance += sunlight;
             if !survives(&mut throughput, rng) {
                 return radiance;
             }
             let visible = (sunlight / weight).min(1.0);
-            direction = self.redirect(direction, visible, phase, &mut throughput, rng);
+            direction = self.redirect(direction, visible, &collision, &mut throughput, rng);
             scatterings += 1;
 
             // Fly to the next collision, or out.
@@ -163,19 +192,19 @@ impl Tracer {
         &self,
         direction: DVec3,
         visible: f64,
-        phase: &PhaseFunction,
+        collision: &Collision<'_>,
         throughput: &mut f64,
         rng: &mut Stream,
     ) -> DVec3 {
-        let cosine = phase.sample(rng.random());
+        let cosine = collision.sample(rng.random());
         let share = TOWARDS_SUN * visible;
-        if share == 0.0 || *phase == PhaseFunction::Isotropic {
+        if share == 0.0 || *collision.phase_functions[0] == PhaseFunction::Isotropic {
             return turn(direction, cosine, rng);
         }
         let around = if rng.random::<f64>() < share { self.sun.direction } else { direction };
         let turned = turn(around, cosine, rng);
-        let wanted = phase.density(turned.dot(direction));
-        let towards_sun = phase.density(turned.dot(self.sun.direction));
+        let wanted = collision.density(turned.dot(direction));
+        let towards_sun = collision.density(turned.dot(self.sun.direction));
         *throughput *= wanted / (wanted + share * (towards_sun - wanted));
         turned
     }

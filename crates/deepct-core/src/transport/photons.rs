@@ -116,14 +116,15 @@ fn trace(scene: &Scene, field: &Field, rng: &mut Stream) -> [f64; SHARES] {
             break;
         };
         at += distance * heading.local;
-        absorbed += weight * (1.0 - medium.single_scattering_albedo);
-        weight *= medium.single_scattering_albedo;
+        let collision = medium.scattering.at(field.voxel(at));
+        absorbed += weight * (1.0 - collision.single_scattering_albedo);
+        weight *= collision.single_scattering_albedo;
         scattered = true;
         if !survives(&mut weight, rng) {
             weight = 0.0;
             break;
         }
-        direction = turn(direction, medium.phase_function.sample(rng.random()), rng);
+        direction = turn(direction, collision.sample(rng.random()), rng);
     }
     let mut shares = [0.0, 0.0, 0.0, absorbed, 0.0, 0.0];
     shares[face(scene, Ray { origin: field.point(at), direction })] += weight;

@@ -1,0 +1,191 @@
+//! The optics of droplets by their effective radius.
+
+use super::scattering::check_albedo;
+use super::{Collision, PhaseFunction};
+use crate::error::{Error, Result};
+
+/// The optics of a population of droplets at one wavelength: a node of a
+/// [`DropletTable`].
+#[derive(Debug, Clone, PartialEq)]
+pub struct DropletOptics {
+    /// Effective radius (um).
+    pub effective_radius: f64,
+    /// Extinction by liquid water content (1/km per g/m3).
+    pub extinction_per_water: f64,
+    /// Probability that a collision scatters and does not absorb.
+    pub single_scattering_albedo: f64,
+    /// Where scattered light goes.
+    pub phase_function: PhaseFunction,
+}
+
+/// The optics of droplets at one wavelength and effective variance, by effective
+/// radius.
+#[derive(Debug, Clone, PartialEq)]
+pub struct DropletTable {
+    nodes: Vec<DropletOptics>,
+}
+
+/// Droplets of an effective radius between two nodes of a [`DropletTable`]: those of
+/// the node `first` and those of the one after it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Mixture {
+    /// The node with the smaller radius.
+    pub first: usize,
+    /// The share of the scattered light that is due to the second node's droplets.
+    pub share: f64,
+    /// Extinction by liquid water content (1/km per g/m3).
+    pub extinction_per_water: f64,
+    /// Probability that a collision scatters and does not absorb.
+    pub single_scattering_albedo: f64,
+}
+
+impl DropletTable {
+    /// A table of nodes.
+    ///
+    /// # Errors
+    /// No node, radii that do not ascend or are not positive, an extinction that is not
+    /// positive, an albedo outside `[0, 1]`.
+    pub fn new(nodes: Vec<DropletOptics>) -> Result<Self> {
+        let positive = |value: f64| value.is_finite() && value > 0.0;
+        for node in &nodes {
+            check_albedo(node.single_scattering_albedo)?;
+            if !positive(node.extinction_per_water) {
+                let range = "positive (1/km per g/m3)";
+                let value = node.extinction_per_water;
+                return Err(Error::out_of_range(
+                    "extinction by liquid water content",
+                    value,
+                    range,
+                ));
+            }
+        }
+        let radii: Vec<f64> = nodes.iter().map(|node| node.effective_radius).collect();
+        if radii.is_empty() || !radii.is_sorted_by(|a, b| a < b) || !positive(radii[0]) {
+            return Err(Error::out_of_range(
+                "effective radii of a droplet table",
+                format!("{radii:?}"),
+                "one or more that ascend (um)",
+            ));
+        }
+        Ok(Self { nodes })
+    }
+
+    /// The nodes, by ascending effective radius.
+    pub fn nodes(&self) -> &[DropletOptics] {
+        &self.nodes
+    }
+
+    /// The droplets of an effective radius (um) as a mixture of those of the two nodes
+    /// next to it; those of the first or last node beyond the table.
+    ///
+    /// The two share the water so that the mixture has the wanted effective radius. As
+    /// that is three times volume over surface, its inverse is linear in the share of
+    /// the water, and so is extinction.
+    #[inline]
+    pub fn mixture(&self, effective_radius: f64) -> Mixture {
+        let above = self.nodes.partition_point(|node| node.effective_radius <= effective_radius);
+        let first = above.saturating_sub(1).min(self.nodes.len().saturating_sub(2));
+        let (a, b) = (&self.nodes[first], &self.nodes[self.second(first)]);
+        let inverse = 1.0 / effective_radius.clamp(a.effective_radius, b.effective_radius);
+        let (from, to) = (1.0 / a.effective_radius, 1.0 / b.effective_radius);
+        let water = if from > to { (from - inverse) / (from - to) } else { 0.0 };
+        let (from_a, from_b) =
+            ((1.0 - water) * a.extinction_per_water, water * b.extinction_per_water);
+        let extinction_per_water = from_a + from_b;
+        let scattered_by_b = from_b * b.single_scattering_albedo;
+        let scattered = from_a * a.single_scattering_albedo + scattered_by_b;
+        Mixture {
+            first,
+            share: if scattered_by_b > 0.0 { scattered_by_b / scattered } else { 0.0 },
+            extinction_per_water,
+            single_scattering_albedo: (scattered / extinction_per_water).min(1.0),
+        }
+    }
+
+    /// What a collision with a droplet of a mixture does.
+    #[inline]
+    pub fn collision(&self, mixture: &Mixture) -> Collision<'_> {
+        let second = self.second(mixture.first);
+        let phase = |node: usize| &self.nodes[node].phase_function;
+        Collision {
+            single_scattering_albedo: mixture.single_scattering_albedo,
+            phase_functions: [phase(mixture.first), phase(second)],
+            share: mixture.share,
+        }
+    }
+
+    fn second(&self, first: usize) -> usize {
+        (first + 1).min(self.nodes.len() - 1)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn table() -> DropletTable {
+        let node = |effective_radius, extinction_per_water, single_scattering_albedo, asymmetry| {
+            let phase_function = PhaseFunction::henyey_greenstein(asymmetry).unwrap();
+            DropletOptics {
+                effective_radius,
+                extinction_per_water,
+                single_scattering_albedo,
+                phase_function,
+            }
+        };
+        DropletTable::new(vec![
+            node(5.0, 320.0, 1.0, 0.84),
+            node(10.0, 156.0, 0.95, 0.86),
+            node(20.0, 77.0, 0.9, 0.87),
+        ])
+        .unwrap()
+    }
+
+    /// Two populations counted by hand: 1 g/m3 of water, of which `s` is in droplets of
+    /// 10 um and the rest in droplets of 5 um. Volume is water, surface 3 volume / reff.
+    #[test]
+    fn a_mixture_is_two_populations_of_droplets() {
+        let share = 0.3;
+        let surface = 3.0 * (1.0 - share) / 5.0 + 3.0 * share / 10.0;
+        let found = table().mixture(3.0 / surface);
+        let extinction = (1.0 - share) * 320.0 + share * 156.0;
+        let scattering = (1.0 - share) * 320.0 + share * 156.0 * 0.95;
+        assert_eq!(found.first, 0);
+        assert!((found.extinction_per_water - extinction).abs() < 1e-9);
+        assert!((found.single_scattering_albedo - scattering / extinction).abs() < 1e-12);
+        assert!((found.share - share * 156.0 * 0.95 / scattering).abs() < 1e-12);
+    }
+
+    #[test]
+    fn nodes_are_themselves_and_the_ends_go_on() {
+        let table = table();
+        for (radius, expected) in
+            [(5.0, 320.0), (10.0, 156.0), (20.0, 77.0), (2.0, 320.0), (50.0, 77.0), (0.0, 320.0)]
+        {
+            let found = table.mixture(radius);
+            assert!((found.extinction_per_water - expected).abs() < 1e-9, "{radius} um");
+        }
+        let asymmetry = table.collision(&table.mixture(20.0)).asymmetry();
+        assert!((asymmetry - 0.87).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_collision_is_the_weighted_sum_of_two() {
+        let table = table();
+        let collision = table.collision(&Mixture { share: 0.25, ..table.mixture(15.0) });
+        let [a, b] = [1, 2].map(|node| table.nodes()[node].phase_function.density(0.9));
+        assert!((collision.density(0.9) - (0.75 * a + 0.25 * b)).abs() < 1e-12);
+        // Half of the second function's share is below its median, and so on.
+        let [a, b] = [1, 2].map(|node| table.nodes()[node].phase_function.sample(0.5));
+        assert!((collision.sample(0.125) - b).abs() < 1e-12);
+        assert!((collision.sample(0.625) - a).abs() < 1e-12);
+    }
+
+    #[test]
+    fn tables_without_order_are_refused() {
+        let nodes = table().nodes().to_vec();
+        assert!(DropletTable::new(Vec::new()).is_err());
+        assert!(DropletTable::new(nodes.iter().rev().cloned().collect()).is_err());
+        assert!(DropletTable::new(nodes[..1].to_vec()).unwrap().mixture(7.0).share == 0.0);
+    }
+}
