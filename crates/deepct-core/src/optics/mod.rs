@@ -4,6 +4,7 @@
 //! collision does ([`Scattering`]): single-scattering albedo and phase function, the
 //! same everywhere or by the size of each voxel's droplets ([`DropletTable`]).
 
+pub mod air;
 mod droplet_table;
 mod phase;
 mod scattering;

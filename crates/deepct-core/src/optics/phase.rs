@@ -17,8 +17,14 @@ pub enum PhaseFunction {
         /// Mean cosine of the scattering angle.
         asymmetry: f64,
     },
-    /// Scattering by molecules: 3 (1 + cos^2) / (16 pi).
-    Rayleigh,
+    /// Scattering by molecules (Chandrasekhar 1950, section 49): with the
+    /// depolarisation `d` of light scattered sideways and `a = (2 - 2 d) / (2 + d)`
+    /// it is `a 3 (1 + cos^2) / (16 pi) + (1 - a) / (4 pi)`.
+    Rayleigh {
+        /// Depolarisation factor for natural light, in `[0, 1)`: 0 of round molecules,
+        /// 0.028 of air.
+        depolarisation: f64,
+    },
     /// Given by its values, piecewise linear in the cosine.
     Tabulated(Arc<PhaseTable>),
 }
@@ -43,6 +49,17 @@ impl PhaseFunction {
         Ok(if asymmetry == 0.0 { Self::Isotropic } else { Self::HenyeyGreenstein { asymmetry } })
     }
 
+    /// Scattering by molecules of the given depolarisation factor.
+    ///
+    /// # Errors
+    /// A factor outside `[0, 1)`.
+    pub fn rayleigh(depolarisation: f64) -> Result<Self> {
+        if !(0.0..1.0).contains(&depolarisation) {
+            return Err(Error::out_of_range("depolarisation", depolarisation, "in [0, 1)"));
+        }
+        Ok(Self::Rayleigh { depolarisation })
+    }
+
     /// A phase function from its values at ascending cosines from -1 to 1, in any
     /// unit: the table is scaled so that it integrates to 1 over the sphere.
     ///
@@ -62,7 +79,11 @@ impl PhaseFunction {
                 let base = (1.0 + g * g - 2.0 * g * cosine).max(0.0);
                 0.25 / PI * (1.0 - g * g) / (base * base.sqrt())
             }
-            Self::Rayleigh => 3.0 / (16.0 * PI) * (1.0 + cosine * cosine),
+            Self::Rayleigh { depolarisation } => {
+                let dipole = dipole_share(*depolarisation);
+                let rest = 1.0 - dipole;
+                (0.75 * dipole * (1.0 + cosine * cosine) + rest) / (4.0 * PI)
+            }
             Self::Tabulated(table) => table.density(cosine),
         }
     }
@@ -77,9 +98,15 @@ impl PhaseFunction {
                 let s = (1.0 - g * g) / (1.0 - g + 2.0 * g * uniform);
                 ((1.0 + g * g - s * s) / (2.0 * g)).clamp(-1.0, 1.0)
             }
-            Self::Rayleigh => {
+            Self::Rayleigh { depolarisation } => {
+                // The lower part of the number chooses the dipole, the rest a
+                // direction; either is stretched to [0, 1) again.
+                let dipole = dipole_share(*depolarisation);
+                if uniform >= dipole {
+                    return 2.0 * (uniform - dipole) / (1.0 - dipole) - 1.0;
+                }
                 // The root of c^3 + 3 c + 4 - 8 u = 0 (Frisvad 2011).
-                let u = 4.0 * uniform - 2.0;
+                let u = 4.0 * uniform / dipole - 2.0;
                 let a = (u + (u * u + 1.0).sqrt()).cbrt();
                 (a - 1.0 / a).clamp(-1.0, 1.0)
             }
@@ -90,11 +117,17 @@ impl PhaseFunction {
     /// The mean cosine of the scattering angle.
     pub fn asymmetry(&self) -> f64 {
         match self {
-            Self::Isotropic | Self::Rayleigh => 0.0,
+            Self::Isotropic | Self::Rayleigh { .. } => 0.0,
             Self::HenyeyGreenstein { asymmetry } => *asymmetry,
             Self::Tabulated(table) => table.asymmetry(),
         }
     }
+}
+
+/// The share of molecular scattering that is like a dipole's; the rest is isotropic.
+#[inline]
+fn dipole_share(depolarisation: f64) -> f64 {
+    2.0 * (1.0 - depolarisation) / (2.0 + depolarisation)
 }
 
 impl PhaseTable {
@@ -177,7 +210,9 @@ mod tests {
         let values = cosines.iter().map(|c| 7.0 * greenstein.density(*c)).collect();
         vec![
             PhaseFunction::Isotropic,
-            PhaseFunction::Rayleigh,
+            PhaseFunction::rayleigh(0.0).unwrap(),
+            PhaseFunction::rayleigh(0.0279).unwrap(),
+            PhaseFunction::rayleigh(0.5).unwrap(),
             PhaseFunction::henyey_greenstein(-0.4).unwrap(),
             greenstein,
             PhaseFunction::tabulated(cosines, values).unwrap(),
