@@ -16,7 +16,8 @@ pub(crate) struct Args {
     /// The cases
     #[arg(long, value_enum, default_value_t = Choice::All)]
     suite: Choice,
-    /// Folder with rico32_cloud.nc and rico32_views.nc, for the suite rico
+    /// Folder with rico32_cloud.nc and rico32_views.nc, for the suite rico, and with
+    /// mie_water_672nm.nc, for more of the suite mie
     #[arg(long, value_name = "DIR")]
     reference: Option<PathBuf>,
     /// Fifty times the work, for noise as small as that of the references
@@ -36,6 +37,8 @@ enum Choice {
     Cubes,
     /// The step cloud of I3RC
     Step,
+    /// Droplets, more of them with --reference
+    Mie,
     /// A simulated cumulus; needs --reference
     Rico,
     /// All of them; rico if --reference is given
@@ -48,6 +51,7 @@ impl Choice {
             Self::Slabs => vec![Suite::Slabs],
             Self::Cubes => vec![Suite::Cubes],
             Self::Step => vec![Suite::Step],
+            Self::Mie => vec![Suite::Mie],
             Self::Rico => vec![Suite::Rico],
             Self::All => {
                 Suite::ALL.into_iter().filter(|suite| reference || *suite != Suite::Rico).collect()

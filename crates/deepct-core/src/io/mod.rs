@@ -24,9 +24,9 @@ use std::path::Path;
 pub use self::exr::write_exr;
 #[cfg(feature = "files")]
 pub use netcdf::{
-    MAX_VALUES, Provenance, ReferenceView, read_cloud, read_grid, read_mask, read_observation,
-    read_reference_view, read_volume, write_cloud, write_mask, write_observation, write_sample,
-    write_volume,
+    MAX_VALUES, Provenance, ReferenceDroplets, ReferenceView, read_cloud, read_grid, read_mask,
+    read_observation, read_reference_droplets, read_reference_view, read_volume, write_cloud,
+    write_mask, write_observation, write_sample, write_volume,
 };
 #[cfg(feature = "files")]
 pub use weights::write_weights;

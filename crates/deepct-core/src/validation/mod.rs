@@ -5,6 +5,7 @@
 //! reference enter the verdict: a value may be off by three standard errors.
 
 mod cubes;
+mod droplets;
 #[cfg(feature = "files")]
 mod rico;
 mod slabs;
@@ -29,13 +30,16 @@ pub enum Suite {
     Cubes,
     /// The step cloud of the I3RC project.
     Step,
+    /// Droplets: a layer of Deirmendjian's cloud C.1, and tables of another code where the
+    /// folder of its files is given.
+    Mie,
     /// A simulated cumulus seen by Mitsuba and SHDOM; needs their files.
     Rico,
 }
 
 impl Suite {
     /// All suites.
-    pub const ALL: [Self; 4] = [Self::Slabs, Self::Cubes, Self::Step, Self::Rico];
+    pub const ALL: [Self; 5] = [Self::Slabs, Self::Cubes, Self::Step, Self::Mie, Self::Rico];
 
     /// Its name on the command line.
     pub fn name(self) -> &'static str {
@@ -43,6 +47,7 @@ impl Suite {
             Self::Slabs => "slabs",
             Self::Cubes => "cubes",
             Self::Step => "step",
+            Self::Mie => "mie",
             Self::Rico => "rico",
         }
     }
@@ -153,6 +158,7 @@ pub fn validate(
         Suite::Slabs => slabs::run(report),
         Suite::Cubes => cubes::run(report),
         Suite::Step => step::run(report),
+        Suite::Mie => droplets::run(report, reference),
         #[cfg(feature = "files")]
         Suite::Rico => rico::run(report, reference),
         #[cfg(not(feature = "files"))]

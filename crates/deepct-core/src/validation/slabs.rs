@@ -124,7 +124,7 @@ fn slab(optical_depth: f64, albedo: f64, asymmetry: f64, solar_cosine: f64) -> R
 
 /// Radiances along rays; each sample is one of very many blocks, so that all threads
 /// have work.
-fn along(report: &Report, scene: &Scene, rays: &[Ray]) -> Result<Vec<Radiance>> {
+pub(super) fn along(report: &Report, scene: &Scene, rays: &[Ray]) -> Result<Vec<Radiance>> {
     let blocks = 64;
     let many: Vec<Ray> = rays.iter().flat_map(|ray| std::iter::repeat_n(*ray, blocks)).collect();
     let samples_per_pixel = report.effort.samples / blocks as u32;
@@ -140,7 +140,7 @@ fn along(report: &Report, scene: &Scene, rays: &[Ray]) -> Result<Vec<Radiance>> 
     Ok(found.chunks(blocks).map(pooled).collect())
 }
 
-fn times(factor: f64, radiance: Radiance) -> Share {
+pub(super) fn times(factor: f64, radiance: Radiance) -> Share {
     let Radiance { mean, standard_error } = radiance;
     Share { mean: factor * mean, standard_error: factor * standard_error }
 }

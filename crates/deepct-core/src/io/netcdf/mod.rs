@@ -15,7 +15,9 @@ pub use field::{
 };
 pub use observation::{read_observation, write_observation};
 pub(crate) use read::{Input, Variable};
-pub use reference::{ReferenceView, read_reference_view};
+pub use reference::{
+    ReferenceDroplets, ReferenceView, read_reference_droplets, read_reference_view,
+};
 pub use sample::write_sample;
 
 /// The most values that are read from one variable at once: a guard against a file

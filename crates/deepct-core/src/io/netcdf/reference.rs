@@ -1,4 +1,5 @@
-//! Radiances of other codes, for validation: one group a view.
+//! Results of other codes, for validation: radiances, one group a view, and the optics
+//! of droplets.
 
 use super::Input;
 use crate::error::Result;
@@ -61,4 +62,44 @@ pub fn read_reference_view(path: &Path, name: &str, phase: &str) -> Result<Refer
         mitsuba_standard_error: image(format!("mitsuba_{phase}_se"))?,
         shdom: image(format!("shdom_{phase}"))?,
     })
+}
+
+/// The optics of droplets of one effective radius by another code.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ReferenceDroplets {
+    /// Effective radius (um).
+    pub effective_radius: f64,
+    /// Extinction by liquid water content (1/km per g/m3).
+    pub extinction_per_water: f64,
+    /// Single-scattering albedo.
+    pub single_scattering_albedo: f64,
+    /// Mean cosine of the scattering angle.
+    pub asymmetry: f64,
+}
+
+/// Read a table of droplet optics over the effective radius.
+///
+/// # Errors
+/// A file that is missing, damaged, or without one of the variables.
+pub fn read_reference_droplets(path: &Path) -> Result<Vec<ReferenceDroplets>> {
+    let input = Input::open(path)?;
+    let radii = input.variable("reff")?.reals::<f64>()?.into_raw_vec_and_offset().0;
+    let values = |name: &str| -> Result<Vec<f64>> {
+        let values = input.variable(name)?.reals::<f64>()?.into_raw_vec_and_offset().0;
+        if values.len() == radii.len() {
+            return Ok(values);
+        }
+        Err(input.error(name, "is not one value per radius", "give it on (reff)"))
+    };
+    let extinction = values("extinction_per_lwc")?;
+    let albedo = values("single_scattering_albedo")?;
+    let asymmetry = values("asymmetry")?;
+    Ok((0..radii.len())
+        .map(|row| ReferenceDroplets {
+            effective_radius: radii[row],
+            extinction_per_water: extinction[row],
+            single_scattering_albedo: albedo[row],
+            asymmetry: asymmetry[row],
+        })
+        .collect())
 }
