@@ -15,10 +15,11 @@ pub(crate) struct Args {
 }
 
 /// The verbs that have settings, and their commented defaults in TOML.
-const DEFAULTS: [(&str, &str); 3] = [
+const DEFAULTS: [(&str, &str); 4] = [
     ("cloud-cumulus", crate::cloud::CUMULUS),
     ("cloud-field", crate::cloud::FIELD),
     ("dataset", crate::dataset::DEFAULTS),
+    ("render", crate::render::DEFAULTS),
 ];
 
 /// The flags of a verb that has settings.

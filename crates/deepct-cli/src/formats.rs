@@ -16,7 +16,8 @@ Read and written (HDF5 that is also netCDF-4 with CF attributes)
 Read by `cloud import`
   simulation   netCDF-4 or HDF5 by CF conventions: liquid water on (time, z, y, x) in
                any order, as g m-3, kg m-3 or a mixing ratio with the density of air;
-               packed, big-endian, chunked, stretched levels, lengths in km or m
+               packed, big-endian, chunked, stretched levels, lengths in km or m; droplet
+               spectra of WRF's bin microphysics (ff1i01, ff1i02, ...)
   pySHDOM      text: a comment; nx ny nz; dx dy z0 z1 ...; rows i j k lwc reff [veff]
   AT3D         text: a comment; nx,ny,nz; dx,dy; z0,z1,...; i,j,k,lwc,reff[,veff]; rows
 

@@ -13,6 +13,7 @@ mod formats;
 mod global;
 mod infer;
 mod man;
+mod optics;
 mod plot;
 mod progress;
 mod render;

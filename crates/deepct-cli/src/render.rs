@@ -1,16 +1,23 @@
 //! `deepct render`: the images of a cloud.
 
 use crate::Outcome;
+use crate::config;
 use crate::global::Global;
+use crate::optics::RenderSettings;
 use crate::progress::Progress;
 use deepct_core::io::{Provenance, read_cloud, write_exr, write_observation};
-use deepct_core::optics::Medium;
 use deepct_core::scene::{Observation, Scene, Sun, Surface, VIEW_FILE_HELP, View, ViewList};
 use deepct_core::transport::{MonteCarloSettings, Solver, render};
 use deepct_core::{Error, Result};
 use std::path::{Path, PathBuf};
 
+/// The defaults of `render`.
+pub(crate) const DEFAULTS: &str = include_str!("defaults/render.toml");
+
 /// Compute the radiances that each view sees
+///
+/// `deepct config render` prints the settings: the wavelength, and what droplets do to
+/// light.
 #[derive(Debug, clap::Args)]
 #[command(after_long_help = VIEW_FILE_HELP)]
 pub(crate) struct Args {
@@ -40,6 +47,8 @@ pub(crate) struct Args {
     /// Share of the light that the surface at altitude 0 reflects
     #[arg(long, default_value_t = Surface::OCEAN.albedo, value_name = "A", allow_negative_numbers = true)]
     surface_albedo: f64,
+    #[command(flatten)]
+    settings: config::Settings,
     /// File of images to write
     #[arg(long, value_name = "I.nc")]
     out: PathBuf,
@@ -56,16 +65,18 @@ enum Method {
 }
 
 pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
+    let settings: RenderSettings = args.settings.resolve(DEFAULTS)?;
     let list = ViewList::find(&args.views)?;
     let sun = Sun::from_degrees(args.sun_zenith, args.sun_azimuth)?;
     let cloud = read_cloud(&args.cloud)?;
     let (center, [_, rows, cols]) = (cloud.grid.center(), cloud.grid.shape);
     let views = list.views(center, [rows, cols])?;
-    let medium = Medium::from_cloud(&cloud).map_err(Error::in_file(&args.cloud))?;
+    let medium = settings.medium(cloud).map_err(Error::in_file(&args.cloud))?;
     let surface = Surface { albedo: args.surface_albedo, ..Surface::OCEAN };
     let scene = Scene::new(medium, sun, surface)?;
-    let observation = observe(args, global, &scene, views)?;
-    write_observation(&args.out, &observation, &args.provenance(global))?;
+    let mut observation = observe(args, global, &scene, views)?;
+    observation.wavelength = settings.wavelength;
+    write_observation(&args.out, &observation, &args.provenance(global, &settings))?;
     if let Some(path) = &args.exr {
         write_exr(path, &observation)?;
     }
@@ -115,10 +126,12 @@ struct Resolved<'a> {
     sun_zenith_deg: f64,
     sun_azimuth_deg: f64,
     surface_albedo: f64,
+    #[serde(flatten)]
+    settings: &'a RenderSettings,
 }
 
 impl Args {
-    fn provenance(&self, global: &Global) -> Provenance {
+    fn provenance(&self, global: &Global, settings: &RenderSettings) -> Provenance {
         let resolved = Resolved {
             cloud: &self.cloud,
             views: &self.views,
@@ -128,6 +141,7 @@ impl Args {
             sun_zenith_deg: self.sun_zenith,
             sun_azimuth_deg: self.sun_azimuth,
             surface_albedo: self.surface_albedo,
+            settings,
         };
         Provenance {
             title: "Images of a cloud".into(),

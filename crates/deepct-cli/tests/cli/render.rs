@@ -39,6 +39,20 @@ fn images_have_the_views_and_the_size_of_the_grid() {
 }
 
 #[test]
+fn droplets_scatter_by_their_size() {
+    let program = Program::new();
+    cloud(&program, "C.nc");
+    let render = "render C.nc --views cloudct-10 --samples 4 --set optics.phase=mie --out I.nc";
+    program.refuse(render, &["C.nc", "optics.effective_radius", "not set"]);
+    program.succeed(&format!("{render} --set optics.effective_radius=10.0 --set wavelength=0.55"));
+    let observation = read_observation(program.path("I.nc")).unwrap();
+    assert_eq!(observation.wavelength, 0.55);
+    assert!(observation.images.brightest() > 0.0);
+    program.refuse(&format!("{render} --set optics.effective_radius=90.0"), &["90 um", "25 um"]);
+    program.refuse(&format!("{render} --set optics.phase=magic"), &["magic", "config render"]);
+}
+
+#[test]
 fn views_of_a_file() {
     let program = Program::new();
     cloud(&program, "C.nc");

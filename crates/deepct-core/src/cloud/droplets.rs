@@ -42,6 +42,17 @@ impl Microphysics {
             Array3::from_elem(liquid_water_content.raw_dim(), EFFECTIVE_VARIANCE);
         Ok(Self { liquid_water_content, effective_radius, effective_variance })
     }
+
+    /// Droplets of the same effective radius (um) everywhere, for a cloud of which only
+    /// the extinction is known: 1 g/m3 of them, which plays no part where extinction is
+    /// given, and the effective variance 0.1.
+    pub fn of_one_size(shape: [usize; 3], effective_radius: f32) -> Self {
+        Self {
+            liquid_water_content: Array3::ones(shape),
+            effective_radius: Array3::from_elem(shape, effective_radius),
+            effective_variance: Array3::from_elem(shape, EFFECTIVE_VARIANCE),
+        }
+    }
 }
 
 #[cfg(test)]

@@ -7,11 +7,13 @@ mod droplets;
 mod generate;
 mod isolate;
 pub mod resample;
+mod spectrum;
 mod turbulence;
 
 pub use droplets::{LARGEST_RADIUS, effective_radius};
 pub use generate::{CumulusSettings, FieldSettings, adiabatic_liquid_water, cumulus, field};
 pub use isolate::{IsolateSettings, Isolated, isolate};
+pub use spectrum::{LARGEST_VARIANCE, Spectrum, doubling_radii};
 
 use crate::error::{Error, Result};
 use crate::grid::{Grid, Volume};
@@ -40,6 +42,19 @@ pub struct Microphysics {
     pub effective_radius: Array3<f32>,
     /// Effective variance (dimensionless).
     pub effective_variance: Array3<f32>,
+}
+
+impl Microphysics {
+    /// The effective variance of the whole cloud: the mean, weighted by the water;
+    /// [`EFFECTIVE_VARIANCE`] without water.
+    pub fn mean_effective_variance(&self) -> f64 {
+        let (mut sum, mut total) = (0.0, 0.0);
+        for (water, variance) in self.liquid_water_content.iter().zip(&self.effective_variance) {
+            sum += f64::from(*water) * f64::from(*variance);
+            total += f64::from(*water);
+        }
+        if total > 0.0 { sum / total } else { f64::from(EFFECTIVE_VARIANCE) }
+    }
 }
 
 impl Cloud {

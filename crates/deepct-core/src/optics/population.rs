@@ -94,7 +94,15 @@ impl DropletTable {
     /// # Errors
     /// A wavelength outside 0.2 to 2.4 um.
     pub fn water(wavelength: f64) -> Result<Self> {
-        Self::mie(&DropletSettings::water(wavelength), &default_radii())
+        Self::of(&DropletSettings::water(wavelength))
+    }
+
+    /// The table of droplets with effective radii from 1 to 25 um.
+    ///
+    /// # Errors
+    /// A setting out of range.
+    pub fn of(settings: &DropletSettings) -> Result<Self> {
+        Self::mie(settings, &default_radii())
     }
 
     /// The table of droplets with the given effective radii (um, ascending): one

@@ -60,6 +60,29 @@ fn a_crop_wraps_around_the_sides_and_levels_are_chosen() {
     assert!(cloud.grid.origin.distance(DVec3::new(0.35, 0.30, 0.46)) < 1e-12);
 }
 
+/// Bins of 2, 2 * 2^(1/3) and 2 * 2^(2/3) um that hold 1, 2 and 3 parts of the water.
+#[test]
+fn a_droplet_spectrum_becomes_radius_and_variance() {
+    let settings = ImportSettings { spacing: None, ..Default::default() };
+    let cloud = import_cloud(fixture("bins.nc"), &settings).unwrap();
+    let parts = water(0, [2, 3, 4]);
+    assert_close(content(&cloud), &(6.0 * &parts));
+    let radii = [0.0, 1.0, 2.0].map(|bin: f64| 2.0 * (bin / 3.0).exp2());
+    let areas = [1.0 / radii[0], 2.0 / radii[1], 3.0 / radii[2]];
+    let area: f64 = areas.iter().sum();
+    let mean = 6.0 / area;
+    let square = |(area, radius): (f64, f64)| area * (radius - mean).powi(2);
+    let variance = areas.into_iter().zip(radii).map(square).sum::<f64>() / (area * mean * mean);
+    let droplets = cloud.microphysics.unwrap();
+    for (voxel, part) in parts.indexed_iter() {
+        let found = [droplets.effective_radius[voxel], droplets.effective_variance[voxel]];
+        let expected = if *part > 0.0 { [mean, variance] } else { [0.0, 0.0] };
+        for (found, expected) in found.into_iter().zip(expected) {
+            assert!((f64::from(found) - expected).abs() < 1e-5, "{voxel:?}: {found} {expected}");
+        }
+    }
+}
+
 #[test]
 fn a_mixing_ratio_on_stretched_levels_in_another_order_of_axes() {
     let settings = ImportSettings { time: 2, ..Default::default() };

@@ -4,7 +4,9 @@
 use super::axes::{Kind, Layout, Window, kind_of, levels_within, pieces};
 use super::{Crop, DROPLETS_PER_CM3, ImportSettings, edges_of, grid_over};
 use crate::cloud::resample::{resample, resample_droplets, uniform_edges};
-use crate::cloud::{Cloud, EFFECTIVE_VARIANCE, Microphysics};
+use crate::cloud::{
+    Cloud, EFFECTIVE_VARIANCE, LARGEST_RADIUS, Microphysics, Spectrum, doubling_radii,
+};
 use crate::error::Result;
 use crate::io::netcdf::{Input, Variable, edge_and_spacing, kilometres};
 use ndarray::Array3;
@@ -18,6 +20,12 @@ const DENSITY_NAMES: [&str; 7] = ["rho", "density", "rhoref", "rhobf", "rho0", "
 /// Names of the effective radius.
 const RADIUS_NAMES: [&str; 4] = ["reff", "re", "rel", "effective_radius"];
 
+/// Names of the bins of a droplet spectrum without their numbers, which begin with 01:
+/// those of WRF's spectral bin microphysics (Khain et al. 2004).
+const BIN_NAMES: [&str; 2] = ["ff1i", "FF1I"];
+/// The radius of the first bin (um).
+const FIRST_BIN: f64 = 2.0;
+
 /// Negative water down to this (g/m3) is what advection and packing leave behind, and
 /// counts as none.
 const UNDERSHOOT: f32 = 1e-3;
@@ -26,7 +34,8 @@ const UNDERSHOOT: f32 = 1e-3;
 ///
 /// Liquid water is found by its CF `standard_name`, by a customary name or by its
 /// `long_name`; a mixing ratio needs the density of air, from the file or the settings.
-/// Radii come from the file or from the number of droplets.
+/// Radii come from the file or from the number of droplets. A file with a droplet
+/// spectrum in bins, each a variable of its own with its water, has all of it in there.
 ///
 /// # Errors
 /// A file that is missing or damaged; no liquid water, or in units unknown here; axes
@@ -35,7 +44,11 @@ const UNDERSHOOT: f32 = 1e-3;
 pub fn read_les(path: impl AsRef<Path>, settings: &ImportSettings) -> Result<Cloud> {
     let path = path.as_ref();
     let input = Input::open(path)?;
-    let water = find_water(&input, settings)?;
+    let bins = find_bins(&input, settings);
+    let water = match bins.first() {
+        Some(name) => input.variable(name)?,
+        None => find_water(&input, settings)?,
+    };
     let layout = Layout::of(&input, &water)?;
     let axis = |kind| input.variable(layout.name(kind));
     let (x, y, z) = (axis(Kind::X)?, axis(Kind::Y)?, axis(Kind::Z)?);
@@ -53,6 +66,10 @@ pub fn read_les(path: impl AsRef<Path>, settings: &ImportSettings) -> Result<Clo
     };
     let z_edges = &z_edges[window.levels.start..=window.levels.end];
     let edges = [z_edges, y_edges.as_slice(), x_edges.as_slice()];
+    if !bins.is_empty() {
+        let droplets = spectrum(&input, &bins, &layout, &window, settings)?.microphysics();
+        return resample_droplets(&droplets, edges, &grid);
+    }
     let content = concentration(&input, &water, &layout, &window, settings)?;
     let radius = match settings.droplets_per_cm3 {
         None => effective_radius(&input, &water, &layout, &window)?,
@@ -65,14 +82,44 @@ pub fn read_les(path: impl AsRef<Path>, settings: &ImportSettings) -> Result<Clo
         return Cloud::from_microphysics(grid, droplets);
     };
     effective_radius.zip_mut_with(&content, |radius, &water| {
-        if water <= 0.0 {
-            *radius = 0.0;
-        }
+        *radius = if water > 0.0 { radius.min(LARGEST_RADIUS) } else { 0.0 };
     });
     let effective_variance = Array3::from_elem(content.raw_dim(), EFFECTIVE_VARIANCE);
     let droplets =
         Microphysics { liquid_water_content: content, effective_radius, effective_variance };
     resample_droplets(&droplets, edges, &grid)
+}
+
+/// The names of the bins of a droplet spectrum, in order; none where the file has none, or
+/// where something else is wanted of it.
+fn find_bins(input: &Input, settings: &ImportSettings) -> Vec<String> {
+    if settings.variable.is_some() || settings.droplets_per_cm3.is_some() {
+        return Vec::new();
+    }
+    let names = input.names();
+    let bins = |prefix: &str| -> Vec<String> {
+        (1..).map(|bin| format!("{prefix}{bin:02}")).take_while(|bin| names.contains(bin)).collect()
+    };
+    BIN_NAMES.into_iter().map(bins).find(|bins| !bins.is_empty()).unwrap_or_default()
+}
+
+/// All bins of a droplet spectrum in the window.
+fn spectrum(
+    input: &Input,
+    bins: &[String],
+    layout: &Layout,
+    window: &Window,
+    settings: &ImportSettings,
+) -> Result<Spectrum> {
+    let mut spectrum: Option<Spectrum> = None;
+    for (name, radius) in bins.iter().zip(doubling_radii(FIRST_BIN, bins.len())) {
+        let bin = input.variable(name)?;
+        let content = concentration(input, &bin, layout, window, settings)?;
+        spectrum
+            .get_or_insert_with(|| Spectrum::empty(content.dim().into()))
+            .add_water(radius, &content)?;
+    }
+    Ok(spectrum.unwrap_or_else(|| Spectrum::empty([0; 3])))
 }
 
 /// The variable that holds cloud liquid water.
