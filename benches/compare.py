@@ -1,12 +1,17 @@
 #!/usr/bin/env python3
-"""Time the network beside ONNX Runtime on the same weights, images and threads.
+"""Time the network beside ONNX Runtime, OpenVINO and PyTorch on the same weights and images.
 
     python3 benches/compare.py [--json] [--rounds N] [--threads N]
 
-builds deepct, installs the peers into benches/.venv, and prints a row for each network
-and size: median milliseconds of a run of each side (the fastest too with --json), the
-ratio, and the largest error over the largest value against float64. The two sides take
-turns, A B A B, so that what else the machine does falls on both.
+builds deepct, installs the peers into benches/.venv, and prints a row for each network and
+size: median milliseconds of a run of each side, ours over the fastest peer's, and the
+largest error of each over the largest value in float64. The weights are trained, the images
+are clouds that deepct renders.
+
+Every side is a process of its own that runs the network as often as it is told and answers
+with the times. The sides take turns, A B C D A B C D, so that what else the machine does
+falls on all. Threads of some spin on after a run, ONNX Runtime's for some 40 ms: they fall
+asleep in a pause before each turn, whose first run, to wake them, is not counted.
 """
 
 from __future__ import annotations
@@ -14,238 +19,309 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import platform
+import shlex
 import statistics
 import subprocess
 import sys
 import tempfile
 import time
 import venv
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from datetime import datetime, timezone
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import numpy as np
+    import torch
 
 ROOT = Path(__file__).resolve().parents[1]
-VENV = Path(__file__).resolve().parent / ".venv"
-REQUIREMENTS = ("numpy==2.4.6", "onnx==1.22.0", "onnxruntime==1.31.0", "safetensors==0.8.0")
-SIZES = ((32, 32), (256, 256))
-NETWORKS = {"cloudct-10": (10, 81), "pearls-32": (32, 33)}
-LEVELS = 32
-SECONDS_A_TURN = 0.1
-"""A turn is as many runs as fit into this."""
+VENV = ROOT / "benches" / ".venv"
+PACKAGES = "h5py==3.16.0 numpy==2.4.6 onnx==1.22.0 safetensors==0.8.0"
+PEERS = {"onnxruntime": "1.31.0", "openvino": "2026.4.0", "torch": "2.13.0"}
+NETWORKS = ("pearls-32", "cloudct-10")
+SIZES = ((1, 32, 32), (1, 256, 256))  # images, rows, columns
+CLOUDS, CLOUD = 4, 32  # how many are rendered, and the rows and columns of their images
+SECONDS_OF_PAUSE, SECONDS_A_TURN = 0.1, 0.1  # a turn is as many runs as fit, and one before
+
+Layers = list[tuple["np.ndarray", "np.ndarray", bool]]  # weight, bias, whether a ReLU follows
 
 
 def main() -> None:
+    if sys.argv[1:2] == ["serve"]:
+        return serve(*sys.argv[2:])
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--json", action="store_true", help="print one JSON array")
-    parser.add_argument("--rounds", type=int, default=15, help="turns of each side")
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    parser.add_argument("--rounds", type=int, default=11, help="turns of each side")
     parser.add_argument("--threads", type=int, default=2, help="threads of each side")
-    arguments = parser.parse_args()
-    python = VENV / "bin" / "python"
+    parser.add_argument("--weights", type=Path, default=ROOT / "benches" / "weights", help="folder")
+    options = parser.parse_args()
+    files = {name: options.weights / f"{name}.safetensors" for name in NETWORKS}
+    if missing := [str(path) for path in files.values() if not path.exists()]:
+        sys.exit(f"compare.py: there is no {' and no '.join(missing)}: name a folder by --weights")
     if Path(sys.prefix).resolve() != VENV.resolve():
-        install(python)
-        os.execv(python, [str(python), __file__, *sys.argv[1:]])
-    timer = build_timer()
-    rows = [
-        compare(timer, name, size, arguments.rounds, arguments.threads)
-        for name in NETWORKS
-        for size in SIZES
-    ]
-    if arguments.json:
-        print(json.dumps(rows, indent=2))
-        return
-    heads = ("size", "deepct ms", "ONNX RT ms", "ratio", "error", "ONNX RT")
-    print(f"{'network':<12}" + "".join(f"{head:>12}" for head in heads))
-    for row in rows:
-        times = (row["deepct_ms"], row["onnxruntime_ms"], row["ratio"])
-        errors = (row["deepct_error"], row["onnxruntime_error"])
-        print(
-            f"{row['network']:<12}{row['size']:>12}"
-            + "".join(f"{value:>12.2f}" for value in times)
-            + "".join(f"{value:>12.1e}" for value in errors)
-        )
+        enter_environment()
+    programs, rows = build(), []
+    commands = list_sides(programs, options.threads)
+    for name, weights in files.items():
+        clouds = render(programs / "deepct", name) * load_weights(weights)[1]
+        for size in SIZES:
+            row = {"network": name, "size": "{}x{}x{}".format(*size), "threads": options.threads}
+            rows.append(row | compare(weights, fill(clouds, size), commands, options.rounds))
+            if not options.json:
+                show(rows[-1], heads=len(rows) == 1)
+    if options.json:
+        print(json.dumps({**provenance(), "rows": rows}, indent=2))
 
 
-def install(python: Path) -> None:
-    """Make the environment of the peers."""
-    if not python.exists():
+def enter_environment() -> None:
+    """Install the peers and start again where they are."""
+    python = str(VENV / "bin" / "python")
+    if not Path(python).exists():
         venv.create(VENV, with_pip=True)
+    peers = [f"{name}=={version}" for name, version in PEERS.items()]
     pip = [python, "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
-    subprocess.run([*pip, *REQUIREMENTS], check=True)
+    subprocess.run([*pip, *PACKAGES.split(), *peers], check=True)
+    os.execv(python, [python, __file__, *sys.argv[1:]])
 
 
-def build_timer() -> Path:
-    """The program that runs our side."""
-    subprocess.run(
-        ["cargo", "build", "--release", "--quiet", "-p", "deepct-core", "--example", "infer_timer"],
-        cwd=ROOT,
-        check=True,
-    )
-    target = Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target"))
-    return target / "release" / "examples" / "infer_timer"
+def build() -> Path:
+    """The folder of our programs, `deepct` and `examples/infer_timer`."""
+    command = ["cargo", "build", "--release", "--quiet", "--bins", "--example", "infer_timer"]
+    subprocess.run(command, cwd=ROOT, check=True)
+    return Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target")) / "release"
 
 
-def channels_of(views: int, layers: int) -> list[int]:
-    """Channels before, between and after the layers of the paper's network."""
-    growing = [min(views + 2 * layer, LEVELS) for layer in range(layers)]
-    return [*growing, LEVELS]
+def load_weights(path: Path) -> tuple[Layers, float]:
+    """The layers and the input scale of a weights file (see io/weights.rs)."""
+    from safetensors import safe_open
+
+    with safe_open(path, framework="numpy") as file:
+        metadata = json.loads(file.metadata()["deepct"])
+        architecture, layers = metadata["architecture"], []
+        count = len(architecture["channels"]) - 1
+        for index in range(count):
+            weight, bias = map(file.get_tensor, (f"layers.{index}.weight", f"layers.{index}.bias"))
+            layers.append((weight, bias, index + 1 < count or architecture["last_relu"]))
+    return layers, metadata["input_scale"]
 
 
-def make_layers(channels: list[int], random) -> list[tuple]:
-    """Weights that hand on most of what they get, as those of a trained network do."""
+def render(deepct: Path, formation: str) -> np.ndarray:
+    """Noisy images of some clouds, `[cloud, view, row, col]`, 1/sr."""
+    import h5py
     import numpy as np
 
-    layers = []
-    for inputs, outputs in zip(channels, channels[1:]):
-        weight = random.normal(0.0, 0.3 / np.sqrt(9 * inputs), (outputs, inputs, 3, 3))
-        for channel in range(min(inputs, outputs)):
-            weight[channel, channel, 1, 1] += 0.9
-        layers.append((weight.astype(np.float32), np.full(outputs, 0.02, np.float32)))
-    return layers
+    stacks = []
+    with tempfile.TemporaryDirectory() as folder:
+        cloud, images, noisy = (f"{folder}/{part}.nc" for part in ("cloud", "images", "noisy"))
+        for seed in range(CLOUDS):
+            for verb in (
+                ["cloud", "generate", "--out", cloud],
+                ["render", cloud, "--views", formation, "--samples", "128", "--out", images],
+                ["sense", images, "--out", noisy],
+            ):
+                subprocess.run([deepct, *verb, "--seed", str(seed), "--quiet"], check=True)
+            with h5py.File(noisy) as file:
+                stacks.append(np.asarray(file["radiance"], np.float32))
+    return np.stack(stacks)
 
 
-def write_weights(path: Path, channels: list[int], layers: list[tuple]) -> None:
-    """The layers as `deepct` reads them (see io/weights.rs)."""
-    from safetensors.numpy import save_file
+def fill(clouds: np.ndarray, size: tuple[int, int, int]) -> np.ndarray:
+    """Images of any size, tiled with the clouds, each flipped and shifted its own way."""
+    import numpy as np
 
-    views = channels[0]
-    metadata = {
-        "format_version": 1,
-        "formation": "none",
-        "architecture": {"channels": channels, "last_relu": True},
-        "view_geometry": {
-            "sun_zenith_deg": 30.0,
-            "sun_azimuth_deg": 45.0,
-            "view_zenith_deg": [0.0] * views,
-            "view_azimuth_deg": [0.0] * views,
-            "pixel_km": [0.05] * views,
-        },
-        "target_altitude_km": 1.0,
-        "wavelength_um": 0.672,
-        "image_layout": "camera",
-        "horizontal_spacing_km": [0.05, 0.05],
-        "levels": {"bottom_km": 0.5, "count": channels[-1], "spacing_km": 0.04},
-        "input_scale": 1.0,
-        "output_scale": 1.0,
-        "training": {"data": "none", "identity": "none", "samples": 0, "seed": 0},
-        "scores": {},
-        "program": "compare.py",
-        "configuration": None,
+    count, rows, cols = size
+    filled = np.empty((count, clouds.shape[1], rows, cols), np.float32)
+    for index, (image, row, col) in enumerate(np.ndindex(count, rows // CLOUD, cols // CLOUD)):
+        tile = np.roll(clouds[index % CLOUDS], (5 * index, 3 * index + index // CLOUD), (1, 2))
+        tile = tile[:, :: 1 - 2 * (index // 4 % 2), :: 1 - 2 * (index // 8 % 2)]
+        filled[image, :, CLOUD * row :, CLOUD * col :][:, :CLOUD, :CLOUD] = tile
+    return filled
+
+
+def list_sides(programs: Path, threads: int) -> dict[str, tuple[list, dict]]:
+    """The beginning of the command and the environment of each side."""
+    timer, environment = [programs / "examples" / "infer_timer"], os.environ.copy()
+    environment["RAYON_NUM_THREADS"] = str(threads)
+    sides = {"deepct": (timer, environment)}
+    this = [sys.executable, __file__, "serve"]
+    return sides | {peer: ([*this, peer, str(threads)], environment) for peer in PEERS}
+
+
+@dataclass
+class Side:
+    """A process that runs the network, and the milliseconds of its runs."""
+
+    process: subprocess.Popen[str]
+    times: list[float] = field(default_factory=list)
+    runs: int = 3
+
+    def take_turn(self) -> list[float]:
+        """The milliseconds of the runs of one turn; none where the process cannot run."""
+        time.sleep(SECONDS_OF_PAUSE)
+        try:
+            print(self.runs + 1, file=self.process.stdin, flush=True)
+            return json.loads(self.process.stdout.readline() or "[]")[1:]
+        except BrokenPipeError:
+            return []
+
+
+def compare(weights: Path, images: np.ndarray, commands: dict, rounds: int) -> dict:
+    """All sides in turns on one network and one size."""
+    import numpy as np
+
+    expected = exact(load_weights(weights)[0], images)
+    rows, cols = images.shape[2:]
+    sides: dict[str, Side] = {}
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
+    with tempfile.TemporaryDirectory() as folder:
+        images.tofile(f"{folder}/input")
+        for name, (command, environment) in commands.items():
+            files = [weights, f"{folder}/input", rows, cols, f"{folder}/{name}"]
+            full = [str(part) for part in (*command, *files)]
+            side = Side(subprocess.Popen(full, env=environment, **pipes))
+            if times := side.take_turn():
+                side.runs = max(1, round(1e3 * SECONDS_A_TURN / min(times)))
+                sides[name] = side
+            else:
+                sys.exit(f"compare.py: {name} does not run: {shlex.join(side.process.args)}")
+        for _ in range(rounds):
+            for side in sides.values():
+                side.times += side.take_turn()
+        found = {}
+        for name, side in sides.items():
+            side.process.communicate()
+            if side.process.returncode:
+                sys.exit(f"compare.py: {name} failed: {shlex.join(side.process.args)}")
+            answer = np.fromfile(f"{folder}/{name}", np.float32).reshape(expected.shape)
+            error = float(abs(answer - expected).max() / abs(expected).max())
+            median, fastest = statistics.median(side.times), min(side.times)
+            found[name] = {"median_ms": median, "fastest_ms": fastest, "error": error}
+    others = min(side["median_ms"] for name, side in found.items() if name != "deepct")
+    return {"ratio_to_fastest": found["deepct"]["median_ms"] / others, "sides": found}
+
+
+def show(row: dict, heads: bool) -> None:
+    """Print a row with the peers beside each other."""
+    sides, place = row["sides"], f"{row['network']:<11}{row['size']:>9}"
+    if heads:
+        names = "".join(f"{name:>12}" for name in sides)
+        print(f"{'':20}{'milliseconds':>12}{'':{12 * len(sides)}}{'error':>12}")
+        print(f"{'network':<11}{'size':>9}{names}{'ratio':>12}{names}")
+    times = "".join(f"{side['median_ms']:>12.2f}" for side in sides.values())
+    errors = "".join(f"{side['error']:>12.1e}" for side in sides.values())
+    print(f"{place}{times}{row['ratio_to_fastest']:>12.2f}{errors}", flush=True)
+
+
+def provenance() -> dict:
+    """What a record must tell to be repeated."""
+    git = ["git", "describe", "--always", "--dirty", "--exclude=*", "--abbrev=12"]
+    source = Path("/proc/cpuinfo")
+    lines = source.read_text().splitlines() if source.exists() else []
+    fields = dict(map(str.strip, line.partition(":")[::2]) for line in lines)
+    known = {key: fields[key] for key in ("model name", "cpu family", "model") if key in fields}
+    return {
+        "date": datetime.now(timezone.utc).isoformat(timespec="seconds"),
+        "commit": subprocess.run(git, cwd=ROOT, capture_output=True, text=True).stdout.strip(),
+        "command": shlex.join(["python3", "benches/compare.py", *sys.argv[1:]]),
+        "processor": {"machine": platform.machine(), **known},
+        "versions": PEERS,
     }
-    tensors = {}
-    for index, (weight, bias) in enumerate(layers):
-        tensors[f"layers.{index}.weight"], tensors[f"layers.{index}.bias"] = weight, bias
-    save_file(tensors, path, {"deepct": json.dumps(metadata)})
 
 
-def onnx_session(channels: list[int], layers: list[tuple], threads: int):
-    """The same network in ONNX Runtime."""
-    import onnxruntime
+def torch_network(layers: Layers) -> torch.nn.Module:
+    """The network in PyTorch, with the weights as they are."""
+    from torch import from_numpy, nn
+
+    modules: list[nn.Module] = []
+    for weight, bias, relu in layers:
+        convolution = nn.Conv2d(weight.shape[1], weight.shape[0], 3, padding=1)
+        convolution.weight.data, convolution.bias.data = from_numpy(weight), from_numpy(bias)
+        modules += [convolution, nn.ReLU(inplace=True)] if relu else [convolution]
+    return nn.Sequential(*modules).eval()
+
+
+def exact(layers: Layers, images: np.ndarray) -> np.ndarray:
+    """The network in float64."""
+    import torch
+
+    with torch.inference_mode():
+        return torch_network(layers).double()(torch.from_numpy(images).double()).numpy()
+
+
+def onnx_model(layers: Layers, images: np.ndarray) -> bytes:
+    """The network in ONNX, for images of this shape."""
     from onnx import TensorProto, helper, numpy_helper
 
     nodes, constants, value = [], [], "images"
-    for index, (weight, bias) in enumerate(layers):
+    for index, (weight, bias, relu) in enumerate(layers):
         names = [value, f"weight{index}", f"bias{index}"]
-        constants += [numpy_helper.from_array(weight, names[1])]
-        constants += [numpy_helper.from_array(bias, names[2])]
-        nodes.append(helper.make_node("Conv", names, [f"sum{index}"], pads=[1, 1, 1, 1]))
-        value = "volume" if index + 1 == len(layers) else f"layer{index}"
-        nodes.append(helper.make_node("Relu", [f"sum{index}"], [value]))
-    shapes = ([1, channels[0], "rows", "cols"], [1, channels[-1], "rows", "cols"])
-    ends = [
-        helper.make_tensor_value_info(name, TensorProto.FLOAT, shape)
-        for name, shape in zip(("images", "volume"), shapes)
-    ]
-    graph = helper.make_graph(nodes, "network", ends[:1], ends[1:], constants)
-    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=10)
+        constants += map(numpy_helper.from_array, (weight, bias), names[1:])
+        nodes.append(helper.make_node("Conv", names, [value := f"sum{index}"], pads=[1, 1, 1, 1]))
+        if relu:
+            nodes.append(helper.make_node("Relu", [value], [value := f"layer{index}"]))
+    describe, kind = helper.make_tensor_value_info, TensorProto.FLOAT
+    first = describe("images", kind, images.shape)
+    last = describe(value, kind, (len(images), len(layers[-1][1]), *images.shape[2:]))
+    graph = helper.make_graph(nodes, "network", [first], [last], constants)
+    opset = helper.make_opsetid("", 17)
+    return helper.make_model(graph, opset_imports=[opset], ir_version=10).SerializeToString()
+
+
+def start_onnxruntime(layers: Layers, images: np.ndarray, threads: int) -> Callable:
+    import numpy as np
+    import onnxruntime
+
     options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = threads
-    options.inter_op_num_threads = 1
-    # A peer that spins while it waits would take the processor from the other side.
-    options.add_session_config_entry("session.force_spinning_stop", "1")
-    return onnxruntime.InferenceSession(
-        model.SerializeToString(), options, providers=["CPUExecutionProvider"]
-    )
+    options.intra_op_num_threads, options.inter_op_num_threads = threads, 1
+    model, providers = onnx_model(layers, images), ["CPUExecutionProvider"]
+    session = onnxruntime.InferenceSession(model, options, providers=providers)
+    (output,), binding = session.get_outputs(), session.io_binding()
+    result = np.empty(output.shape, np.float32)
+    binding.bind_cpu_input("images", images)
+    binding.bind_output(output.name, "cpu", 0, np.float32, result.shape, result.ctypes.data)
+    return lambda: session.run_with_iobinding(binding) or result
 
 
-def exact(images, layers: list[tuple]):
-    """The network in float64, by the definition of a convolution."""
+def start_openvino(layers: Layers, images: np.ndarray, threads: int) -> Callable:
+    import openvino
+
+    settings = {"INFERENCE_PRECISION_HINT": "f32", "PERFORMANCE_HINT": "LATENCY"}
+    core = openvino.Core()
+    model = core.read_model(onnx_model(layers, images))
+    compiled = core.compile_model(model, "CPU", settings | {"INFERENCE_NUM_THREADS": threads})
+    request = compiled.create_infer_request()
+    request.set_input_tensor(openvino.Tensor(images, shared_memory=True))
+    return lambda: request.infer() and request.get_output_tensor().data
+
+
+def start_torch(layers: Layers, images: np.ndarray, threads: int) -> Callable:
+    import torch
+
+    torch.set_num_threads(threads)
+    module = torch_network(layers).to(memory_format=torch.channels_last)
+    pixels = torch.from_numpy(images).to(memory_format=torch.channels_last)
+    return torch.inference_mode()(lambda: module(pixels).numpy())
+
+
+def serve(peer: str, threads: str, weights: str, source: str, *rest: str) -> None:
+    """Be a peer's process: answer each number of runs on standard input with their times."""
     import numpy as np
 
-    values = images.astype(np.float64)
-    for weight, bias in layers:
-        rows, cols = values.shape[1:]
-        padded = np.pad(values, ((0, 0), (1, 1), (1, 1)))
-        values = np.broadcast_to(bias[:, None, None], (len(bias), rows, cols)).astype(np.float64)
-        for row in range(3):
-            for col in range(3):
-                seen = padded[:, row : row + rows, col : col + cols]
-                values += np.tensordot(weight[:, :, row, col].astype(np.float64), seen, 1)
-        values = np.maximum(values, 0.0)
-    return values
-
-
-def compare(timer: Path, name: str, size: tuple[int, int], rounds: int, threads: int) -> dict:
-    """One row: both sides on one network and one size."""
-    import numpy as np
-
-    random = np.random.default_rng(1)
-    channels = channels_of(*NETWORKS[name])
-    layers = make_layers(channels, random)
-    images = random.random((channels[0], *size), np.float32)
-    expected = exact(images, layers)
-    with tempfile.TemporaryDirectory() as folder:
-        weights, source, result = (Path(folder, part) for part in ("w", "input", "output"))
-        write_weights(weights, channels, layers)
-        images.tofile(source)
-        ours = subprocess.Popen(
-            [str(part) for part in (timer, weights, source, *size, result)],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-            env={**os.environ, "RAYON_NUM_THREADS": str(threads)},
-        )
-        session = onnx_session(channels, layers, threads)
-
-        def run_ours(count: int) -> list[float]:
-            ours.stdin.write(f"{count}\n")
-            ours.stdin.flush()
-            return json.loads(ours.stdout.readline())
-
-        def run_peer(count: int) -> list[float]:
-            times = []
-            for _ in range(count):
-                start = time.perf_counter()
-                session.run(None, {"images": images[None]})
-                times.append(1e3 * (time.perf_counter() - start))
-            return times
-
-        runs = {run_ours: [], run_peer: []}
-        # The first turn of each side warms it up and says how many runs make a turn.
-        counts = {run: max(1, round(1e3 * SECONDS_A_TURN / min(run(3)))) for run in runs}
-        for _ in range(rounds):
-            for run, times in runs.items():
-                times += run(counts[run])
-        ours.stdin.close()
-        ours.wait()
-        found = np.fromfile(result, np.float32).reshape(expected.shape)
-        (peer,) = session.run(None, {"images": images[None]})
-    deepct_ms, peer_ms = (statistics.median(times) for times in runs.values())
-    deepct_fastest, peer_fastest = (min(times) for times in runs.values())
-    return {
-        "network": name,
-        "size": f"{size[0]}x{size[1]}",
-        "threads": threads,
-        "deepct_ms": deepct_ms,
-        "onnxruntime_ms": peer_ms,
-        "ratio": deepct_ms / peer_ms,
-        "deepct_fastest_ms": deepct_fastest,
-        "onnxruntime_fastest_ms": peer_fastest,
-        "deepct_error": relative_error(found, expected),
-        "onnxruntime_error": relative_error(peer[0], expected),
-    }
-
-
-def relative_error(found, expected) -> float:
-    """Largest error over largest value."""
-    return float(abs(found - expected).max() / abs(expected).max())
+    rows, cols = map(int, rest[:2])
+    images = np.fromfile(source, np.float32).reshape(1, -1, rows, cols)
+    starts = {"onnxruntime": start_onnxruntime, "openvino": start_openvino, "torch": start_torch}
+    run = starts[peer](load_weights(Path(weights))[0], images, int(threads))
+    run().tofile(rest[2])
+    for line in sys.stdin:
+        times = []
+        for _ in range(int(line)):
+            start = time.perf_counter()
+            run()
+            times.append(1e3 * (time.perf_counter() - start))
+        print(json.dumps(times), flush=True)
 
 
 if __name__ == "__main__":
