@@ -7,7 +7,7 @@
 use crate::Outcome;
 use crate::global::Global;
 use crate::plot::labels;
-use crate::progress::Progress;
+use crate::progress::RenderProgress;
 use deepct_core::carve::{CarveSettings, carve};
 use deepct_core::cloud::{Cloud, CumulusSettings, cumulus};
 use deepct_core::grid::{Mask, Volume};
@@ -73,9 +73,10 @@ fn photograph(cloud: &Cloud, samples_per_pixel: u32, global: &Global) -> Result<
         samples_per_pixel,
         seed: global.seed,
         similarity_after: SIMILARITY_AFTER,
+        noise: None,
     });
-    let progress = Progress::start(global, "image rows", (views.len() * rows) as u64);
-    let rendering = render(&scene, &views, &solver, &|done| progress.advance(done))?;
+    let progress = RenderProgress::start(global, "render");
+    let rendering = render(&scene, &views, &solver, &progress)?;
     let mut observation = Observation::new(sun, views, rendering.images)?;
     observation.standard_error = Some(rendering.standard_error);
     Ok(observation)

@@ -4,10 +4,12 @@ use crate::Outcome;
 use crate::config;
 use crate::global::Global;
 use crate::optics::RenderSettings;
-use crate::progress::Progress;
+use crate::progress::RenderProgress;
 use deepct_core::io::{Provenance, read_cloud, write_exr, write_observation};
-use deepct_core::scene::{Observation, Scene, Sun, Surface, VIEW_FILE_HELP, View, ViewList};
-use deepct_core::transport::{MonteCarloSettings, Solver, render};
+use deepct_core::optics::air::Air;
+use deepct_core::plot::contact_sheet;
+use deepct_core::scene::{Observation, Scene, Sun, Surface, VIEW_FILE_HELP, View, ViewList, Waves};
+use deepct_core::transport::{MonteCarloSettings, Rendering, Solver, render};
 use deepct_core::{Error, Result};
 use std::path::{Path, PathBuf};
 
@@ -30,12 +32,17 @@ pub(crate) struct Args {
     /// How light is computed
     #[arg(long, value_enum, default_value_t = Method::MonteCarlo)]
     solver: Method,
-    /// Light paths of each pixel
-    #[arg(long, default_value_t = 1024, value_name = "N")]
-    samples: u32,
-    /// After this many scatterings, go on without the forward peak: much less noise
-    /// for the same time, and up to 3 % of error in the view means of a thick cloud
-    /// after 3, up to 7 % after 1
+    /// Light paths of each pixel; with --noise, the most of them [default: 1024, or as
+    /// many as --noise wants]
+    #[arg(long, value_name = "N")]
+    samples: Option<u32>,
+    /// Go on until the standard error of each pixel is this share of its radiance, such as
+    /// 0.01; in pixels with less than half the radiance of their view's brightest, of that
+    /// half
+    #[arg(long, value_name = "SHARE")]
+    noise: Option<f64>,
+    /// After this many scatterings, go on without the forward peak: less noise for the same
+    /// time; after 4, the view means of a thick cloud are less than 0.3 % off
     #[arg(long, value_name = "N")]
     similarity_after: Option<u32>,
     /// Angle between the zenith and the Sun (degrees)
@@ -44,9 +51,23 @@ pub(crate) struct Args {
     /// Azimuth towards the Sun, clockwise from north (degrees)
     #[arg(long, default_value_t = 45.0, value_name = "DEG", allow_negative_numbers = true)]
     sun_azimuth: f64,
-    /// Share of the light that the surface at altitude 0 reflects
+    /// Flux of the Sun through a surface normal to its beam; radiances are in its unit
+    /// over steradian
+    #[arg(long, default_value_t = 1.0, value_name = "E", allow_negative_numbers = true)]
+    solar_irradiance: f64,
+    /// Share of the light that the surface at altitude 0 reflects into all directions
     #[arg(long, default_value_t = Surface::OCEAN.albedo, value_name = "A", allow_negative_numbers = true)]
     surface_albedo: f64,
+    /// Wind over the sea (m/s): its waves mirror the light besides
+    #[arg(long, value_name = "M/S", allow_negative_numbers = true)]
+    wind_speed: Option<f64>,
+    /// Add the air of the standard atmosphere, which scatters light too
+    #[arg(long)]
+    air: bool,
+    /// Wavelengths (um), in place of the one of the settings; for several of them the
+    /// files have the wavelength in their names, as in I-0.672um.nc
+    #[arg(long, value_name = "UM", value_delimiter = ',')]
+    wavelength: Vec<f64>,
     #[command(flatten)]
     settings: config::Settings,
     /// File of images to write
@@ -55,6 +76,9 @@ pub(crate) struct Args {
     /// Also write the images as OpenEXR, one layer a view
     #[arg(long, value_name = "I.exr")]
     exr: Option<PathBuf>,
+    /// Also draw all images on one sheet
+    #[arg(long, value_name = "I.png")]
+    png: Option<PathBuf>,
 }
 
 /// A solver by its name.
@@ -64,54 +88,124 @@ enum Method {
     MonteCarlo,
 }
 
+/// Light paths of each pixel where neither their number nor the noise is given.
+const SAMPLES: u32 = 1024;
+
+/// The most of them where the noise is given: a day of work.
+const MOST_SAMPLES: u32 = 1 << 24;
+
 pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let settings: RenderSettings = args.settings.resolve(DEFAULTS)?;
     let list = ViewList::find(&args.views)?;
-    let sun = Sun::from_degrees(args.sun_zenith, args.sun_azimuth)?;
+    let (sun, surface) = (args.sun()?, args.surface()?);
     let cloud = read_cloud(&args.cloud)?;
     let (center, [_, rows, cols]) = (cloud.grid.center(), cloud.grid.shape);
     let views = list.views(center, [rows, cols])?;
-    let medium = settings.medium(cloud).map_err(Error::in_file(&args.cloud))?;
-    let surface = Surface { albedo: args.surface_albedo, ..Surface::OCEAN };
-    let scene = Scene::new(medium, sun, surface)?;
-    let mut observation = observe(args, global, &scene, views)?;
-    observation.wavelength = settings.wavelength;
-    write_observation(&args.out, &observation, &args.provenance(global, &settings))?;
-    if let Some(path) = &args.exr {
-        write_exr(path, &observation)?;
+    let mut wavelengths = args.wavelength.clone();
+    if wavelengths.is_empty() {
+        wavelengths.push(settings.wavelength);
     }
-    if !global.quiet {
-        let [views, rows, cols] = observation.images.shape();
-        println!("{views} views of {rows} x {cols} pixels");
-        println!("brightest  {:.5} sr-1", observation.images.brightest());
-        println!("noise      {:.2} % of the mean", 100.0 * relative_noise(&observation));
+    for &wavelength in &wavelengths {
+        let settings = RenderSettings { wavelength, ..settings.clone() };
+        let medium = settings.medium(cloud.clone()).map_err(Error::in_file(&args.cloud))?;
+        let mut scene = Scene::new(medium, sun, surface)?;
+        if args.air {
+            scene = scene.with_air(Air::new(wavelength)?);
+        }
+        let name = |path: &Path| match wavelengths.len() {
+            1 => path.to_owned(),
+            _ => with_wavelength(path, wavelength),
+        };
+        if args.image(global, &settings, &scene, views.clone(), &name)? {
+            break;
+        }
     }
     Ok(Outcome::Success)
 }
 
-/// Render with a bar that shows the rows.
-fn observe(args: &Args, global: &Global, scene: &Scene, views: Vec<View>) -> Result<Observation> {
-    let Method::MonteCarlo = args.solver;
-    let solver = Solver::MonteCarlo(MonteCarloSettings {
-        samples_per_pixel: args.samples,
-        seed: global.seed,
-        similarity_after: args.similarity_after,
-    });
-    let total = views.iter().map(|view| view.rows as u64).sum();
-    let progress = Progress::start(global, "render", total);
-    let rendering = render(scene, &views, &solver, &|done| progress.advance(done))?;
-    let mut observation = Observation::new(scene.sun, views, rendering.images)?;
-    observation.standard_error = Some(rendering.standard_error);
-    Ok(observation)
+/// The name of a file with a wavelength (um) before its extension.
+fn with_wavelength(path: &Path, wavelength: f64) -> PathBuf {
+    let mut name = path.file_stem().unwrap_or_default().to_owned();
+    name.push(format!("-{wavelength}um"));
+    if let Some(extension) = path.extension() {
+        name.push(".");
+        name.push(extension);
+    }
+    path.with_file_name(name)
+}
+
+impl Args {
+    fn sun(&self) -> Result<Sun> {
+        let irradiance = self.solar_irradiance;
+        if !(irradiance.is_finite() && irradiance > 0.0) {
+            return Err(Error::out_of_range("solar irradiance", irradiance, "positive"));
+        }
+        Ok(Sun { irradiance, ..Sun::from_degrees(self.sun_zenith, self.sun_azimuth)? })
+    }
+
+    fn surface(&self) -> Result<Surface> {
+        let waves = self.wind_speed.map(Waves::new).transpose()?;
+        Ok(Surface { waves, ..Surface::lambertian(self.surface_albedo) })
+    }
+
+    /// Render one scene and write its files; whether the user stopped it.
+    fn image(
+        &self,
+        global: &Global,
+        settings: &RenderSettings,
+        scene: &Scene,
+        views: Vec<View>,
+        name: &dyn Fn(&Path) -> PathBuf,
+    ) -> Result<bool> {
+        let rendering = self.render(global, scene, &views)?;
+        let provenance = self.provenance(global, settings, &rendering);
+        let noise = relative_noise(&rendering);
+        let samples = rendering.samples_per_pixel;
+        let mut observation = Observation::new(scene.sun, views, rendering.images)?;
+        observation.wavelength = settings.wavelength;
+        observation.standard_error = Some(rendering.standard_error);
+        let out = name(&self.out);
+        write_observation(&out, &observation, &provenance)?;
+        if let Some(path) = &self.exr {
+            write_exr(name(path), &observation)?;
+        }
+        if let Some(path) = &self.png {
+            let title = out.file_stem().unwrap_or_default().to_string_lossy();
+            let labels = crate::plot::labels(&observation);
+            contact_sheet(name(path), &observation.images, &labels, &title)?;
+        }
+        if rendering.interrupted {
+            eprintln!("deepct: stopped early: the images hold {samples:.0} light paths a pixel");
+        }
+        if !global.quiet {
+            let [views, rows, cols] = observation.images.shape();
+            println!("{views} views of {rows} x {cols} pixels, {samples:.0} light paths each");
+            println!("brightest  {:.5} sr-1", observation.images.brightest());
+            println!("noise      {:.2} % of the mean", 100.0 * noise);
+        }
+        Ok(rendering.interrupted)
+    }
+
+    fn render(&self, global: &Global, scene: &Scene, views: &[View]) -> Result<Rendering> {
+        let Method::MonteCarlo = self.solver;
+        let samples = if self.noise.is_some() { MOST_SAMPLES } else { SAMPLES };
+        let solver = Solver::MonteCarlo(MonteCarloSettings {
+            samples_per_pixel: self.samples.unwrap_or(samples),
+            noise: self.noise,
+            seed: global.seed,
+            similarity_after: self.similarity_after,
+        });
+        render(scene, views, &solver, &RenderProgress::start(global, "render"))
+    }
 }
 
 /// The root mean square of the standard error over the mean radiance.
-fn relative_noise(observation: &Observation) -> f64 {
+fn relative_noise(rendering: &Rendering) -> f64 {
     let square = |value: &f32| f64::from(*value).powi(2);
-    let errors = observation.standard_error.iter().flat_map(|stack| &stack.values);
-    let count = observation.images.values.len() as f64;
-    let mean = observation.images.values.iter().map(|v| f64::from(*v)).sum::<f64>() / count;
-    (errors.map(square).sum::<f64>() / count).sqrt() / mean
+    let count = rendering.images.values.len() as f64;
+    let mean = rendering.images.values.iter().map(|v| f64::from(*v)).sum::<f64>() / count;
+    let squares = rendering.standard_error.values.iter().map(square).sum::<f64>();
+    (squares / count).sqrt() / mean
 }
 
 /// What the output records of this run.
@@ -120,27 +214,46 @@ struct Resolved<'a> {
     cloud: &'a Path,
     views: &'a str,
     solver: &'a str,
-    samples: u32,
+    /// Light paths of each pixel that the images hold, on average.
+    samples: f64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    noise: Option<f64>,
+    /// Whether the user stopped before all that was asked for was done.
+    interrupted: bool,
     #[serde(skip_serializing_if = "Option::is_none")]
     similarity_after: Option<u32>,
     sun_zenith_deg: f64,
     sun_azimuth_deg: f64,
+    solar_irradiance: f64,
     surface_albedo: f64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    wind_speed: Option<f64>,
+    air: bool,
     #[serde(flatten)]
     settings: &'a RenderSettings,
 }
 
 impl Args {
-    fn provenance(&self, global: &Global, settings: &RenderSettings) -> Provenance {
+    fn provenance(
+        &self,
+        global: &Global,
+        settings: &RenderSettings,
+        rendering: &Rendering,
+    ) -> Provenance {
         let resolved = Resolved {
             cloud: &self.cloud,
             views: &self.views,
             solver: "monte-carlo",
-            samples: self.samples,
+            samples: rendering.samples_per_pixel,
+            noise: self.noise,
+            interrupted: rendering.interrupted,
             similarity_after: self.similarity_after,
             sun_zenith_deg: self.sun_zenith,
             sun_azimuth_deg: self.sun_azimuth,
+            solar_irradiance: self.solar_irradiance,
             surface_albedo: self.surface_albedo,
+            wind_speed: self.wind_speed,
+            air: self.air,
             settings,
         };
         Provenance {

@@ -26,7 +26,7 @@ fn main() -> Result<()> {
     let scene = Scene::new(medium, Sun::default(), Surface::OCEAN)?;
     let views = Formation::cloudct_10().views(grid.center(), [32, 32])?;
     let settings = MonteCarloSettings { samples_per_pixel: 32, ..Default::default() };
-    let rendering = render(&scene, &views, &Solver::MonteCarlo(settings), &|_| ())?;
+    let rendering = render(&scene, &views, &Solver::MonteCarlo(settings), &())?;
     let sensed = sense(&rendering.images, &Sensor::CMV4000, Scale::BrightestAtFullWell, 1)?;
     let observation = Observation::new(scene.sun, views, sensed.images)?;
 

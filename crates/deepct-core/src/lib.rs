@@ -26,7 +26,7 @@
 //! let sun = Sun::default();
 //! let scene = Scene::new(Medium::from_cloud(&cloud)?, sun, Surface::OCEAN)?;
 //! let views = Formation::cloudct_10().views(cloud.grid.center(), [32, 32])?;
-//! let radiance = render(&scene, &views, &Solver::default(), &|_| ())?.images;
+//! let radiance = render(&scene, &views, &Solver::default(), &())?.images;
 //! let noisy = sense(&radiance, &Sensor::CMV4000, Scale::BrightestAtFullWell, seed)?.images;
 //!
 //! let observation = Observation::new(sun, views, noisy)?;

@@ -17,7 +17,7 @@ const TABLE: [(&str, &[&str]); 19] = [
     ("metrics", &["grid"]),
     ("cloud", &["grid", "rng"]),
     ("optics", &["cloud", "grid"]),
-    ("scene", &["grid", "image", "optics"]),
+    ("scene", &["grid", "image", "optics", "rng"]),
     ("transport", &["grid", "image", "optics", "rng", "scene", "traverse"]),
     ("sensor", &["image", "rng"]),
     ("carve", &["grid", "image", "scene"]),

@@ -92,8 +92,12 @@ pub(crate) fn render(
     similarity_after: Option<u32>,
 ) -> PyResult<Rendering> {
     let extinction = Floats::new(extinction, "extinction", VOLUME)?.to_owned();
-    let solver =
-        Solver::MonteCarlo(MonteCarloSettings { samples_per_pixel, seed, similarity_after });
+    let solver = Solver::MonteCarlo(MonteCarloSettings {
+        samples_per_pixel,
+        seed,
+        similarity_after,
+        noise: None,
+    });
     let surface = Surface { albedo: surface_albedo, ..Surface::OCEAN };
     let interpolation = if trilinear { Interpolation::Trilinear } else { Interpolation::Constant };
     let boundary = if periodic { Boundary::Periodic } else { Boundary::Open };
@@ -108,7 +112,7 @@ pub(crate) fn render(
             .with_interpolation(interpolation);
             let sun = sun.map_or_else(scene::Sun::default, |sun| sun.0);
             let scene = Scene::new(medium, sun, surface)?.with_boundary(boundary);
-            transport::render(&scene, &views.0, &solver, &|_| ())
+            transport::render(&scene, &views.0, &solver, &())
         })
         .map_err(raise)?;
     Ok(Rendering {

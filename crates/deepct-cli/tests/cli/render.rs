@@ -94,3 +94,47 @@ fn images_are_written_as_openexr_too() {
     assert_eq!(bytes[..4], 20_000_630_u32.to_le_bytes());
     assert!(bytes.windows(7).any(|name| name == b"view_09"));
 }
+
+#[test]
+fn a_wanted_noise_is_reached() {
+    let program = Program::new();
+    cloud(&program, "C.nc");
+    let printed = program.succeed("render C.nc --views cloudct-10 --noise 0.1 --out I.nc");
+    assert!(printed.contains("light paths each"), "{printed}");
+    let observation = read_observation(program.path("I.nc")).unwrap();
+    let (images, errors) = (observation.images, observation.standard_error.unwrap());
+    for view in 0..10 {
+        let image = images.image(view);
+        let brightest = image.iter().copied().fold(0.0, f32::max);
+        let within = |(value, error): (&f32, &f32)| *error <= 0.1001 * value.max(0.5 * brightest);
+        assert!(image.iter().zip(errors.image(view)).all(within), "view {view}");
+    }
+    program.refuse("render C.nc --views cloudct-10 --noise 0 --out I.nc", &["noise", "positive"]);
+}
+
+#[test]
+fn air_and_waves_add_light_and_more_of_it_in_the_blue() {
+    let program = Program::new();
+    cloud(&program, "C.nc");
+    let command = "render C.nc --views cloudct-10 --samples 64 --surface-albedo 0";
+    program.succeed(&format!("{command} --out dark.nc"));
+    program.succeed(&format!("{command} --wind-speed 5 --out sea.nc"));
+    program.succeed(&format!(
+        "{command} --air --wavelength 0.45,0.86 --solar-irradiance 2 --out I.nc --png I.png"
+    ));
+    let sum = |name: &str| read_observation(program.path(name)).unwrap().images.values.sum();
+    let dark = sum("dark.nc");
+    assert!(sum("sea.nc") > dark);
+    assert!(sum("I-0.86um.nc") > 2.0 * dark && sum("I-0.45um.nc") > 1.2 * sum("I-0.86um.nc"));
+    assert!(
+        (read_observation(program.path("I-0.45um.nc")).unwrap().wavelength - 0.45).abs() < 1e-9
+    );
+    let png = std::fs::read(program.path("I-0.86um.png")).unwrap();
+    assert!(png.starts_with(b"\x89PNG"));
+    let refuse = |option: &str, words: &[&str]| {
+        program.refuse(&format!("render C.nc --views cloudct-10 {option} --out I.nc"), words);
+    };
+    refuse("--wind-speed 100", &["wind speed", "100"]);
+    refuse("--solar-irradiance -1", &["solar irradiance"]);
+    refuse("--air --wavelength 9", &["wavelength", "9"]);
+}

@@ -107,7 +107,7 @@ impl<'a> Workshop<'a> {
             simulations,
             folder,
             sun: Sun::from_degrees(settings.sun_zenith_deg, settings.sun_azimuth_deg)?,
-            surface: Surface { albedo: settings.surface_albedo, altitude: 0.0 },
+            surface: Surface::lambertian(settings.surface_albedo),
             grid,
             views: settings.formation()?.views(grid.center(), [columns, columns])?,
         };
@@ -199,8 +199,9 @@ impl<'a> Workshop<'a> {
             samples_per_pixel,
             similarity_after: self.settings.similarity_after,
             seed,
+            noise: None,
         });
-        let rendering = transport::render(&scene, &self.views, &solver, &|_| ())?;
+        let rendering = transport::render(&scene, &self.views, &solver, &())?;
         let mut observation = Observation::new(self.sun, self.views.clone(), rendering.images)?;
         observation.standard_error = Some(rendering.standard_error);
         let configuration = serde_json::to_string(self.settings).unwrap_or_default();

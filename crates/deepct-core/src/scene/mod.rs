@@ -1,10 +1,12 @@
 //! The scene: a medium, the Sun above it, the surface below it; and the views of it.
 
 mod formation;
+mod surface;
 mod view;
 mod view_list;
 
 pub use formation::{EARTH_RADIUS_KM, Formation};
+pub use surface::{Surface, Waves};
 pub use view::{Projection, View, target};
 pub use view_list::{VIEW_FILE_HELP, ViewList};
 
@@ -12,6 +14,7 @@ use crate::error::{Error, Result};
 use crate::image::{ViewGeometry, ViewStack};
 use crate::math::{DVec3, towards};
 use crate::optics::Medium;
+use crate::optics::air::Air;
 
 /// The Sun: a beam of parallel light.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -54,22 +57,6 @@ impl Default for Sun {
     }
 }
 
-/// A Lambertian surface below the scene: a horizontal plane without end.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Surface {
-    /// Share of the incoming flux that is reflected, in `[0, 1]`.
-    pub albedo: f64,
-    /// Altitude of the plane (km), at or below the bottom of the medium.
-    pub altitude: f64,
-}
-
-impl Surface {
-    /// A surface that reflects nothing.
-    pub const BLACK: Self = Self { albedo: 0.0, altitude: 0.0 };
-    /// The dark ocean of the paper's simulations.
-    pub const OCEAN: Self = Self { albedo: 0.05, altitude: 0.0 };
-}
-
 /// What is beyond the horizontal sides of the grid.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Boundary {
@@ -91,17 +78,17 @@ pub struct Scene {
     pub surface: Surface,
     /// What is beyond the sides.
     pub boundary: Boundary,
+    /// The air around and above the cloud; `None` leaves it out.
+    pub air: Option<Air>,
 }
 
 impl Scene {
-    /// A scene with open sides.
+    /// A scene with open sides and without air.
     ///
     /// # Errors
     /// A surface albedo outside `[0, 1]`, or a surface above the medium's bottom.
     pub fn new(medium: Medium, sun: Sun, surface: Surface) -> Result<Self> {
-        if !(0.0..=1.0).contains(&surface.albedo) {
-            return Err(Error::out_of_range("surface albedo", surface.albedo, "between 0 and 1"));
-        }
+        surface.check()?;
         let bottom = medium.extinction.grid.lower().z;
         if surface.altitude.is_nan() || surface.altitude > bottom {
             return Err(Error::out_of_range(
@@ -110,12 +97,17 @@ impl Scene {
                 format!("at or below the bottom of the grid ({bottom} km)"),
             ));
         }
-        Ok(Self { medium, sun, surface, boundary: Boundary::Open })
+        Ok(Self { medium, sun, surface, boundary: Boundary::Open, air: None })
     }
 
     /// The same scene with other sides.
     pub fn with_boundary(self, boundary: Boundary) -> Self {
         Self { boundary, ..self }
+    }
+
+    /// The same scene in air.
+    pub fn with_air(self, air: Air) -> Self {
+        Self { air: Some(air), ..self }
     }
 }
 

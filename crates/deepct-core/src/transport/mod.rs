@@ -5,11 +5,14 @@
 //! does the work is a [`Solver`].
 //!
 //! The equation solved is that of unpolarised, monochromatic light in a medium that
-//! scatters and absorbs but does not emit, lit by the Sun, above a Lambertian surface.
+//! scatters and absorbs but does not emit, lit by the Sun, above a surface and in air where there is some.
 
+mod air_column;
 mod field;
+mod guide;
 mod monte_carlo;
 mod path;
+mod peak;
 mod photons;
 
 pub use monte_carlo::{MonteCarloSettings, Radiance};
@@ -42,10 +45,38 @@ pub struct Rendering {
     pub images: ViewStack,
     /// Standard error of each pixel, in the same unit.
     pub standard_error: ViewStack,
+    /// Mean number of light paths of a pixel.
+    pub samples_per_pixel: f64,
+    /// Whether the watch stopped the work before it was done.
+    pub interrupted: bool,
 }
 
-/// The images of `scene` by `views`. `progress` is called with the number of image
-/// rows that were just finished, from any thread.
+/// How far a rendering is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Progress {
+    /// Share of the work that is done, in `[0, 1]`; a guess where a noise is the target.
+    pub share: f64,
+    /// Mean number of light paths of a pixel so far.
+    pub samples_per_pixel: f64,
+    /// Standard error over radiance, the root mean square over all bright pixels: those
+    /// with at least half the radiance of the brightest one of their view.
+    pub noise: f64,
+}
+
+/// Whoever waits for a rendering; `()` does so without a word.
+pub trait Watch: Sync {
+    /// Called now and then.
+    fn reached(&self, _progress: &Progress) {}
+
+    /// Whether to stop and give what is there. Asked often, from any thread.
+    fn interrupted(&self) -> bool {
+        false
+    }
+}
+
+impl Watch for () {}
+
+/// The images of `scene` by `views`; `watch` learns how far they are, and may stop them.
 ///
 /// The result does not depend on the number of threads.
 ///
@@ -56,12 +87,12 @@ pub fn render(
     scene: &Scene,
     views: &[View],
     solver: &Solver,
-    progress: &(dyn Fn(u64) + Sync),
+    watch: &dyn Watch,
 ) -> Result<Rendering> {
     check_scene(scene)?;
     check_sizes(views)?;
     match solver {
-        Solver::MonteCarlo(settings) => monte_carlo::render(scene, views, settings, progress),
+        Solver::MonteCarlo(settings) => monte_carlo::render(scene, views, settings, watch),
     }
 }
 

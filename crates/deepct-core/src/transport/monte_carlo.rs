@@ -1,10 +1,11 @@
 //! The Monte Carlo solver: samples of light paths, and their mean.
 //!
 //! Backward path tracing (Marchuk et al. 1980): paths start in a pixel, scatter by
-//! chance, and look at the Sun from each scattering (next-event estimation).
+//! chance, and look at the Sun from each scattering (next-event estimation). Samples are
+//! drawn in rounds, between which the solver may stop.
 
-use super::Rendering;
 use super::path::Tracer;
+use super::{Progress, Rendering, Watch};
 use crate::error::{Error, Result};
 use crate::image::ViewStack;
 use crate::math::Ray;
@@ -13,23 +14,35 @@ use crate::scene::{Scene, View};
 use ndarray::Array3;
 use rayon::prelude::*;
 
+/// Rounds of a run with a given number of samples.
+const ROUNDS: u32 = 32;
+/// Fewest samples of a pixel in a round.
+const SMALLEST_ROUND: u32 = 16;
+/// Samples of a pixel in the first round towards a given noise.
+const FIRST_ROUND: u32 = 64;
+/// A pixel is bright if it has this share of the radiance of its view's brightest one.
+const BRIGHT: f64 = 0.5;
+
 /// Settings of the Monte Carlo solver.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MonteCarloSettings {
-    /// Number of light paths of each pixel, at least 2.
+    /// Number of light paths of each pixel, at least 2; the most of them if a `noise` is
+    /// given.
     pub samples_per_pixel: u32,
+    /// Draw each pixel until its standard error is this share of its radiance; in pixels
+    /// with less than half the radiance of their view's brightest, of that half.
+    pub noise: Option<f64>,
     /// Seed of all random numbers.
     pub seed: u64,
-    /// After this many scatterings a path goes on in a similar medium, thinner and
-    /// without the forward peak: faster and far less noisy, but biased. The view means
-    /// of thick lumps are up to 7 % too bright after 1, up to 3 % after 3 and up to 2 %
-    /// off after 4. `None`, the default, is unbiased.
+    /// After this many scatterings a path goes on in similar media, thinner and with less
+    /// and less of the forward peak: faster and less noisy, but biased. After 4 the view
+    /// means of thick clouds are less than 0.3 % off. `None`, the default, is unbiased.
     pub similarity_after: Option<u32>,
 }
 
 impl Default for MonteCarloSettings {
     fn default() -> Self {
-        Self { samples_per_pixel: 256, seed: 1, similarity_after: None }
+        Self { samples_per_pixel: 256, noise: None, seed: 1, similarity_after: None }
     }
 }
 
@@ -42,7 +55,32 @@ impl MonteCarloSettings {
                 "at least 2, so that their scatter tells the standard error",
             ));
         }
-        Ok(())
+        match self.noise {
+            Some(noise) if !(noise.is_finite() && noise > 0.0) => {
+                Err(Error::out_of_range("noise", noise, "positive, such as 0.01 for 1 %"))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// How many samples of a pixel to draw next, if `limit` is the standard error that
+    /// its radiance may have; none when enough are there.
+    fn next_round(&self, sums: &Sums, limit: f64) -> u32 {
+        let left = self.samples_per_pixel - sums.count;
+        if self.noise.is_none() {
+            let round = self.samples_per_pixel.div_ceil(ROUNDS).max(SMALLEST_ROUND);
+            // No crumb is left for the last round: its scatter tells nothing new.
+            return if left < 2 * round { left } else { round };
+        }
+        if sums.count == 0 {
+            return left.min(FIRST_ROUND);
+        }
+        let excess = sums.radiance(1.0).standard_error / limit;
+        if excess <= 1.0 || excess.is_nan() {
+            return 0;
+        }
+        let missing = f64::from(sums.count) * (excess * excess - 1.0);
+        left.min((missing.ceil() as u32).clamp(SMALLEST_ROUND, sums.count))
     }
 }
 
@@ -55,38 +93,154 @@ pub struct Radiance {
     pub standard_error: f64,
 }
 
-/// The images of `scene`, parallel over image rows.
+/// The sum of samples and that of their squares.
+#[derive(Debug, Clone, Copy, Default)]
+struct Sums {
+    count: u32,
+    first: f64,
+    second: f64,
+}
+
+impl Sums {
+    fn draw(count: u32, mut sample: impl FnMut() -> f64) -> Self {
+        let mut sums = Self { count, ..Self::default() };
+        for _ in 0..count {
+            let value = sample();
+            sums.first += value;
+            sums.second += value * value;
+        }
+        sums
+    }
+
+    fn add(&mut self, other: Self) {
+        self.count += other.count;
+        self.first += other.first;
+        self.second += other.second;
+    }
+
+    fn mean(&self) -> f64 {
+        self.first / f64::from(self.count.max(1))
+    }
+
+    fn radiance(&self, irradiance: f64) -> Radiance {
+        let (count, mean) = (f64::from(self.count), self.mean());
+        let variance = (self.second / count - mean * mean).max(0.0) / (count - 1.0);
+        Radiance { mean: irradiance * mean, standard_error: irradiance * variance.sqrt() }
+    }
+}
+
+/// The samples of all pixels so far.
+struct Film {
+    sums: Vec<Sums>,
+    pixels_per_view: usize,
+}
+
+/// A pixel and the number of samples to draw of it.
+type Order = (usize, u32);
+
+impl Film {
+    /// What to draw next. Towards a given noise a pixel is drawn until its standard error
+    /// is that share of its radiance, or of the least one that counts as bright in its view.
+    fn orders(&self, settings: &MonteCarloSettings) -> Vec<Order> {
+        let noise = settings.noise.unwrap_or(0.0);
+        let views = self.sums.chunks(self.pixels_per_view).enumerate();
+        views
+            .flat_map(|(view, sums)| {
+                let bright = BRIGHT * brightest(sums);
+                sums.iter().enumerate().map(move |(pixel, sums)| {
+                    let limit = noise * sums.mean().max(bright);
+                    (view * self.pixels_per_view + pixel, settings.next_round(sums, limit))
+                })
+            })
+            .filter(|(_, count)| *count > 0)
+            .collect()
+    }
+
+    /// See [`Progress::noise`].
+    fn noise(&self) -> f64 {
+        let (mut squares, mut count) = (0.0, 0.0);
+        for view in self.sums.chunks(self.pixels_per_view) {
+            let bright = BRIGHT * brightest(view);
+            for sums in view.iter().filter(|sums| sums.first > 0.0 && sums.mean() >= bright) {
+                let Radiance { mean, standard_error } = sums.radiance(1.0);
+                squares += (standard_error / mean).powi(2);
+                count += 1.0;
+            }
+        }
+        if count > 0.0 { f64::sqrt(squares / count) } else { 0.0 }
+    }
+
+    /// Mean number of samples of a pixel.
+    fn samples_per_pixel(&self) -> f64 {
+        let samples: f64 = self.sums.iter().map(|sums| f64::from(sums.count)).sum();
+        samples / self.sums.len() as f64
+    }
+
+    /// How far the work is.
+    fn progress(&self, settings: &MonteCarloSettings) -> Progress {
+        let (noise, samples_per_pixel) = (self.noise(), self.samples_per_pixel());
+        let by_number = samples_per_pixel / f64::from(settings.samples_per_pixel);
+        let by_noise = settings.noise.map_or(0.0, |wanted| (wanted / noise).powi(2).min(1.0));
+        Progress { share: by_number.max(by_noise), samples_per_pixel, noise }
+    }
+}
+
+/// The mean of the brightest pixel.
+fn brightest(sums: &[Sums]) -> f64 {
+    sums.iter().map(Sums::mean).fold(0.0, f64::max)
+}
+
+/// The images of `scene`, parallel over pixels.
 pub(super) fn render(
     scene: &Scene,
     views: &[View],
     settings: &MonteCarloSettings,
-    progress: &(dyn Fn(u64) + Sync),
+    watch: &dyn Watch,
 ) -> Result<Rendering> {
     settings.check()?;
     let tracer = Tracer::new(scene, settings.similarity_after)?;
     let (rows, cols) = (views[0].rows, views[0].cols);
-    let shape = (views.len(), rows, cols);
-    let mut images = vec![0.0_f32; views.len() * rows * cols];
-    let mut errors = images.clone();
-    images.par_chunks_mut(cols).zip(errors.par_chunks_mut(cols)).enumerate().for_each(
-        |(number, (image_row, error_row))| {
-            let (view, row) = (number / rows, number % rows);
-            for col in 0..cols {
-                let key = [view as u64, (row * cols + col) as u64];
-                let mut rng = stream(settings.seed, Purpose::Transport, &key);
-                let radiance = average(settings, scene, || {
-                    let [up, right] = [rng.random::<f64>(), rng.random::<f64>()];
-                    let ray = views[view].ray(row as f64 + up, col as f64 + right);
-                    tracer.radiance(&ray, &mut rng)
-                });
-                image_row[col] = radiance.mean as f32;
-                error_row[col] = radiance.standard_error as f32;
+    let pixels_per_view = rows * cols;
+    let mut film =
+        Film { sums: vec![Sums::default(); views.len() * pixels_per_view], pixels_per_view };
+    let (mut orders, mut round, mut interrupted) = (film.orders(settings), 0, false);
+    while !orders.is_empty() && !interrupted {
+        let draw = |&(pixel, count): &Order| {
+            if round > 0 && watch.interrupted() {
+                return None;
             }
-            progress(1);
-        },
-    );
-    let stack = |values| ViewStack::new(Array3::from_shape_vec(shape, values).expect("its shape"));
-    Ok(Rendering { images: stack(images)?, standard_error: stack(errors)? })
+            let (view, within) = (pixel / pixels_per_view, pixel % pixels_per_view);
+            let (row, col) = ((within / cols) as f64, (within % cols) as f64);
+            let key = [view as u64, within as u64, round];
+            let mut rng = stream(settings.seed, Purpose::Transport, &key);
+            Some(Sums::draw(count, || {
+                let [up, right] = [rng.random::<f64>(), rng.random::<f64>()];
+                tracer.radiance(&views[view].ray(row + up, col + right), &mut rng)
+            }))
+        };
+        // A round that was stopped is dropped: its pixels would not be equally well known.
+        let Some(drawn) = orders.par_iter().map(draw).collect::<Option<Vec<_>>>() else {
+            interrupted = true;
+            break;
+        };
+        orders.iter().zip(drawn).for_each(|(order, drawn)| film.sums[order.0].add(drawn));
+        watch.reached(&film.progress(settings));
+        orders = film.orders(settings);
+        round += 1;
+        interrupted = watch.interrupted() && !orders.is_empty();
+    }
+    let irradiance = scene.sun.irradiance;
+    let stack = |value: fn(Radiance) -> f64| {
+        let values = film.sums.iter().map(|sums| value(sums.radiance(irradiance)) as f32);
+        let shape = (views.len(), rows, cols);
+        ViewStack::new(Array3::from_shape_vec(shape, values.collect()).expect("its shape"))
+    };
+    Ok(Rendering {
+        images: stack(|radiance| radiance.mean)?,
+        standard_error: stack(|radiance| radiance.standard_error)?,
+        samples_per_pixel: film.samples_per_pixel(),
+        interrupted,
+    })
 }
 
 /// The radiance along each ray, parallel over rays.
@@ -97,28 +251,11 @@ pub(super) fn radiances(
 ) -> Result<Vec<Radiance>> {
     settings.check()?;
     let tracer = Tracer::new(scene, settings.similarity_after)?;
+    let count = settings.samples_per_pixel;
     let radiance = |(number, ray): (usize, &Ray)| {
         let mut rng = stream(settings.seed, Purpose::Transport, &[number as u64]);
-        average(settings, scene, || tracer.radiance(ray, &mut rng))
+        let sums = Sums::draw(count, || tracer.radiance(ray, &mut rng));
+        sums.radiance(scene.sun.irradiance)
     };
     Ok(rays.par_iter().enumerate().map(radiance).collect())
-}
-
-/// The mean of `samples_per_pixel` samples under the scene's Sun.
-fn average(
-    settings: &MonteCarloSettings,
-    scene: &Scene,
-    mut sample: impl FnMut() -> f64,
-) -> Radiance {
-    let (mut sum, mut squares) = (0.0, 0.0);
-    for _ in 0..settings.samples_per_pixel {
-        let value = sample();
-        sum += value;
-        squares += value * value;
-    }
-    let count = f64::from(settings.samples_per_pixel);
-    let mean = sum / count;
-    let variance = (squares / count - mean * mean).max(0.0) / (count - 1.0);
-    let irradiance = scene.sun.irradiance;
-    Radiance { mean: irradiance * mean, standard_error: irradiance * variance.sqrt() }
 }

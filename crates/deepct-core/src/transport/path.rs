@@ -1,274 +1,287 @@
-//! One light path, from the camera backwards to the Sun.
+//! Light paths, from the camera backwards to the Sun.
 
+use super::air_column::AirColumn;
 use super::field::{Field, Heading};
+use super::guide::Guide;
+use super::peak::{Stage, stages};
 use crate::error::Result;
 use crate::math::{DVec3, Ray};
-use crate::optics::{Collision, DropletOptics, DropletTable, PhaseFunction, Scattering};
+use crate::optics::{Collision, Scattering};
 use crate::rng::{RngExt, Stream};
-use crate::scene::Scene;
-use std::f64::consts::PI;
-use std::sync::Arc;
+use crate::scene::{Scene, Surface};
 
 /// Paths of less throughput than this live on by chance.
-const ROULETTE: f64 = 0.3;
-/// Sunlight that adds less than this (1/sr) at one scattering is added by chance.
+pub(super) const ROULETTE: f64 = 0.3;
+/// Sunlight that adds less than this (1/sr) at one droplet is added by chance.
 const FAINT: f64 = 0.01;
-/// Share of the new directions that are drawn around the Sun where it is not hidden.
-const TOWARDS_SUN: f64 = 0.2;
+/// The same at a molecule or the surface, of which a path meets few.
+const FAINTER: f64 = 1e-4;
 
 /// Everything that a path needs to know of the scene.
 #[derive(Debug)]
 pub(super) struct Tracer {
     field: Field,
     sun: Heading,
-    /// The surface in the field's coordinates, its albedo over pi.
+    guide: Guide,
+    air: AirColumn,
+    surface: Surface,
+    /// Altitude of the surface in the field's coordinates.
     ground: f64,
-    reflectance: f64,
-    /// How light scatters at first, and after `similarity_after` scatterings.
-    full: Scattering,
-    similar: Scattering,
-    /// Extinction of the similar medium over that of the medium.
-    thinner: f64,
+    /// The medium, and those without the forward peak.
+    stages: Vec<Stage>,
     similarity_after: u32,
 }
 
-/// The similar medium (van de Hulst 1980, section 14.1): extinction over that of the
-/// medium, and its scattering. A share of the light, which is in the forward peak, is
-/// not scattered at all; the rest follows a Henyey-Greenstein function that keeps the
-/// mean cosine. The share is `g^2`, which keeps the second moment too (Joseph, Wiscombe
-/// and Weinman 1976), with the smallest `g` of the medium: one factor scales the
-/// extinction everywhere.
-fn without_peak(scattering: &Scattering) -> Result<(f64, Scattering)> {
-    match scattering {
-        Scattering::Uniform { single_scattering_albedo, phase_function } => {
-            let (albedo, asymmetry) = (*single_scattering_albedo, phase_function.asymmetry());
-            let extinction = 1.0 - albedo * asymmetry.max(0.0).powi(2);
-            let (albedo, phase) = similar(albedo, phase_function, extinction)?;
-            Ok((extinction, Scattering::uniform(albedo, phase)?))
-        }
-        Scattering::Droplets { effective_radius, table } => {
-            let removed = |node: &DropletOptics| {
-                node.single_scattering_albedo * node.phase_function.asymmetry().max(0.0).powi(2)
-            };
-            let extinction = 1.0 - table.nodes().iter().map(removed).fold(f64::INFINITY, f64::min);
-            let nodes = table.nodes().iter().map(|node| {
-                let (single_scattering_albedo, phase_function) =
-                    similar(node.single_scattering_albedo, &node.phase_function, extinction)?;
-                let extinction_per_water = extinction * node.extinction_per_water;
-                Ok(DropletOptics {
-                    extinction_per_water,
-                    single_scattering_albedo,
-                    phase_function,
-                    ..*node
-                })
-            });
-            let table = Arc::new(DropletTable::new(nodes.collect::<Result<_>>()?)?);
-            let effective_radius = effective_radius.clone();
-            Ok((extinction, Scattering::Droplets { effective_radius, table }))
-        }
-    }
+/// A path on its way: it came to `at` in `direction`, or goes on from there.
+#[derive(Debug, Clone, Copy)]
+struct Path {
+    at: DVec3,
+    direction: DVec3,
+    throughput: f64,
+    scatterings: u32,
+    meets: Meets,
 }
 
-/// Albedo and phase function where the share `1 - extinction` of all collisions is
-/// left out because it scatters straight on.
-fn similar(albedo: f64, phase: &PhaseFunction, extinction: f64) -> Result<(f64, PhaseFunction)> {
-    let left_out = 1.0 - extinction;
-    if left_out == 0.0 {
-        return Ok((albedo, phase.clone()));
-    }
-    let scattered = albedo - left_out;
-    let asymmetry = (albedo * phase.asymmetry() - left_out) / scattered;
-    Ok((scattered / extinction, PhaseFunction::henyey_greenstein(asymmetry)?))
+/// What a path meets.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Meets {
+    Droplet,
+    Molecule,
 }
 
 impl Tracer {
     /// Make a scene ready.
     pub(super) fn new(scene: &Scene, similarity_after: Option<u32>) -> Result<Self> {
         let field = Field::new(&scene.medium, scene.boundary);
-        let full = scene.medium.scattering.clone();
-        let (thinner, similar) = without_peak(&full)?;
+        let sun = field.heading(scene.sun.towards());
         Ok(Self {
-            sun: field.heading(scene.sun.towards()),
+            guide: Guide::new(&field, &sun),
+            air: AirColumn::new(scene.air.as_ref(), scene.surface.altitude),
+            surface: scene.surface,
             ground: field.local(DVec3::new(0.0, 0.0, scene.surface.altitude)).z,
-            reflectance: scene.surface.albedo / PI,
-            full,
-            similar,
-            thinner,
+            stages: stages(&scene.medium.scattering)?,
             similarity_after: similarity_after.unwrap_or(u32::MAX),
+            sun,
             field,
         })
     }
 
-    /// What a collision at a point does after a number of scatterings.
+    /// The medium that light meets after a number of scatterings.
     #[inline]
-    fn collision(&self, at: DVec3, scatterings: u32) -> Collision<'_> {
-        let full = scatterings < self.similarity_after;
-        let scattering = if full { &self.full } else { &self.similar };
-        match scattering {
-            Scattering::Uniform { .. } => scattering.at([0; 3]),
-            Scattering::Droplets { .. } => scattering.at(self.field.voxel(at)),
-        }
+    fn stage(&self, scatterings: u32) -> &Stage {
+        let number = (scatterings + 1).saturating_sub(self.similarity_after) as usize;
+        &self.stages[number.min(self.stages.len() - 1)]
     }
 
-    /// Extinction over that of the medium, after a number of scatterings.
+    /// What a collision of a path does.
     #[inline]
-    fn extinction(&self, scatterings: u32) -> f64 {
-        if scatterings < self.similarity_after { 1.0 } else { self.thinner }
+    fn collision<'a>(&'a self, path: &Path) -> Collision<'a> {
+        let scattering = &self.stage(path.scatterings).scattering;
+        match (path.meets, scattering) {
+            (Meets::Molecule, _) => Collision {
+                single_scattering_albedo: 1.0,
+                phase_functions: [&self.air.phase_function; 2],
+                share: 0.0,
+            },
+            (Meets::Droplet, Scattering::Uniform { .. }) => scattering.at([0; 3]),
+            (Meets::Droplet, Scattering::Droplets { .. }) => {
+                scattering.at(self.field.voxel(path.at))
+            }
+        }
     }
 
     /// One sample of the radiance (1/sr, per unit irradiance) that comes along a ray.
     ///
-    /// The first collision is forced, and the surface is seen through what is before
-    /// it: neither is left to chance.
+    /// What the ray sees first is not left to chance: it sees cloud, air and surface, each
+    /// through what is before it.
     pub(super) fn radiance(&self, ray: &Ray, rng: &mut Stream) -> f64 {
-        let origin = self.field.local(ray.origin);
-        let heading = self.field.heading(ray.direction);
-        let extinction = self.extinction(0);
-        let depth = extinction * self.field.optical_depth(origin, &heading, f64::INFINITY);
-        let scattered = -(-depth).exp_m1();
-        let mut radiance = 0.0;
-        if depth > 0.0 {
-            let reach = -(-rng.random::<f64>() * scattered).ln_1p() / extinction;
-            if let Some(distance) = self.field.free_path(origin, &heading, reach) {
-                let at = origin + distance * heading.local;
-                radiance += self.collide(at, ray.direction, scattered, rng);
-            }
-        }
-        if let Some(at) = self.footprint(origin, &heading) {
-            let throughput = 1.0 - scattered;
-            radiance += self.reflect(at, throughput, rng);
+        let mut paths = Vec::new();
+        let mut radiance = self.look(ray, &mut paths, rng);
+        while let Some(path) = paths.pop() {
+            radiance += self.collide(path, &mut paths, rng);
         }
         radiance
     }
 
-    /// Light that comes to a collision at `at` and goes on against `direction`.
-    fn collide(
-        &self,
-        mut at: DVec3,
-        mut direction: DVec3,
-        mut throughput: f64,
-        rng: &mut Stream,
-    ) -> f64 {
-        let mut radiance = 0.0;
-        let mut scatterings = 0;
-        loop {
-            // Scatter: light of the Sun, then of all other directions.
-            let collision = self.collision(at, scatterings);
-            throughput *= collision.single_scattering_albedo;
-            let weight = throughput * collision.density(direction.dot(self.sun.direction));
-            // All that comes to this collision comes through the medium of the next one,
-            // sunlight too: what the similar medium does not scatter is in it.
-            let extinction = self.extinction(scatterings + 1);
-            let sunlight = self.sunlight(at, weight, extinction, rng);
-            radiance += sunlight;
-            if !survives(&mut throughput, rng) {
-                return radiance;
+    /// The first collisions along a ray, in `paths`, and what the surface reflects.
+    fn look(&self, ray: &Ray, paths: &mut Vec<Path>, rng: &mut Stream) -> f64 {
+        let origin = self.field.local(ray.origin);
+        let heading = self.field.heading(ray.direction);
+        let rise = ray.direction.z;
+        let extinction = self.stage(0).extinction;
+        let depth_from = |at| extinction * self.field.optical_depth(at, &heading, f64::INFINITY);
+        let altitude = |at: DVec3| self.field.point(at).z;
+        let depth = depth_from(origin);
+        let seen = Path {
+            at: origin,
+            direction: ray.direction,
+            throughput: 1.0,
+            scatterings: 0,
+            meets: Meets::Droplet,
+        };
+        if depth > 0.0 {
+            let scattered = -(-depth).exp_m1();
+            let reach = -(-rng.random::<f64>() * scattered).ln_1p() / extinction;
+            if let Some(distance) = self.field.free_path(origin, &heading, reach) {
+                let at = origin + distance * heading.local;
+                let air = self.air.optical_depth(ray.origin.z, altitude(at), rise);
+                paths.push(Path { at, throughput: scattered * (-air).exp(), ..seen });
             }
-            let visible = (sunlight / weight).min(1.0);
-            direction = self.redirect(direction, visible, &collision, &mut throughput, rng);
-            scatterings += 1;
-
-            // Fly to the next collision, or out.
-            let heading = self.field.heading(direction);
-            let depth = -(1.0 - rng.random::<f64>()).ln() / extinction;
-            match self.field.free_path(at, &heading, depth) {
-                Some(distance) => at += distance * heading.local,
-                None => {
-                    return match self.footprint(at, &heading) {
-                        Some(at) => radiance + self.reflect(at, throughput, rng),
-                        None => radiance,
-                    };
-                }
+        }
+        let end = if rise > 0.0 { f64::INFINITY } else { self.surface.altitude };
+        let air = if rise == 0.0 { 0.0 } else { self.air.optical_depth(ray.origin.z, end, rise) };
+        if air > 0.0 {
+            let scattered = -(-air).exp_m1();
+            let reach = -(-rng.random::<f64>() * scattered).ln_1p();
+            if let Some(distance) = self.air.free_path(ray.origin.z, rise, reach) {
+                let at = origin + distance * heading.local;
+                let throughput = scattered * (depth_from(at) - depth).exp();
+                paths.push(Path { at, throughput, meets: Meets::Molecule, ..seen });
             }
+        }
+        match self.footprint(origin, &heading) {
+            Some(at) => {
+                self.reflect(Path { at, throughput: (-depth - air).exp(), ..seen }, paths, rng)
+            }
+            None => 0.0,
         }
     }
 
-    /// A new direction after scattering. Where the Sun is visible, some are drawn
-    /// around it: the next scattering may send much sunlight down the path, which
-    /// makes spikes if it is left to chance (Buras and Mayer 2011). The throughput
-    /// makes up for it.
+    /// A collision at `path.at`: the sunlight that is scattered into the path there.
+    /// The path and its branches go on to their next collisions, in `paths`.
+    fn collide(&self, path: Path, paths: &mut Vec<Path>, rng: &mut Stream) -> f64 {
+        let Path { at, direction, scatterings, .. } = path;
+        let collision = self.collision(&path);
+        let throughput = path.throughput * collision.single_scattering_albedo;
+        let cosine = direction.dot(self.sun.direction);
+        let weight = throughput * collision.density(cosine);
+        let (asymmetry, faint) = match path.meets {
+            Meets::Droplet => (self.stage(scatterings).asymmetry, FAINT),
+            Meets::Molecule => (0.0, FAINTER),
+        };
+        let mut radiance = self.sunlight(&path, weight, faint, rng);
+
+        // Light of all other directions: some of them are drawn around the Sun. Each
+        // direction counts by its chance to be drawn in either way (Veach 1997,
+        // section 9.2), so that none counts much.
+        let extinction = self.stage(scatterings + 1).extinction;
+        let expected = self.guide.expect(&self.field, at, extinction, asymmetry);
+        let share = if asymmetry == 0.0 { 0.0 } else { expected.branches(asymmetry, cosine) };
+        let branches = (share + rng.random::<f64>()) as u32;
+        for branch in 0..=branches {
+            let around = if branch == 0 { direction } else { self.sun.direction };
+            let turned = turn(around, collision.sample(rng.random()), rng);
+            let mut path =
+                Path { direction: turned, throughput, scatterings: scatterings + 1, ..path };
+            let mut importance = 1.0;
+            if share > 0.0 {
+                let wanted = collision.density(turned.dot(direction));
+                let towards_sun = collision.density(turned.dot(self.sun.direction));
+                path.throughput *= wanted / (wanted + share * towards_sun);
+                importance = expected.importance(towards_sun);
+            }
+            if survives(&mut path.throughput, ROULETTE / importance, rng) {
+                radiance += self.fly(path, paths, rng);
+            }
+        }
+        radiance
+    }
+
+    /// Go on to the next collision, with a droplet or a molecule, whichever comes first;
+    /// what the surface reflects if that comes before both.
+    fn fly(&self, path: Path, paths: &mut Vec<Path>, rng: &mut Stream) -> f64 {
+        let heading = self.field.heading(path.direction);
+        let depth = exponential(rng) / self.stage(path.scatterings).extinction;
+        let mut first = self.field.free_path(path.at, &heading, depth);
+        let mut meets = Meets::Droplet;
+        if !self.air.is_empty() {
+            let altitude = self.field.point(path.at).z;
+            let air = self.air.free_path(altitude, path.direction.z, exponential(rng));
+            if air.is_some_and(|air| first.is_none_or(|cloud| air < cloud)) {
+                (first, meets) = (air, Meets::Molecule);
+            }
+        }
+        if let Some(distance) = first {
+            paths.push(Path { at: path.at + distance * heading.local, meets, ..path });
+            return 0.0;
+        }
+        match self.footprint(path.at, &heading) {
+            Some(at) => self.reflect(Path { at, ..path }, paths, rng),
+            None => 0.0,
+        }
+    }
+
+    /// Light that the surface reflects at `path.at`: sunlight, and all other light.
+    fn reflect(&self, path: Path, paths: &mut Vec<Path>, rng: &mut Stream) -> f64 {
+        let (sun, away) = (self.sun.direction, -path.direction);
+        let weight = path.throughput * self.surface.reflectance(away, sun) * sun.z;
+        let mut radiance = self.sunlight(&path, weight, FAINTER, rng);
+        let mut scattered = [(DVec3::Z, self.surface.albedo), (DVec3::Z, 0.0)];
+        if self.surface.albedo > 0.0 {
+            scattered[0].0 = turn(DVec3::Z, rng.random::<f64>().sqrt(), rng);
+        }
+        if let Some(waves) = self.surface.waves {
+            scattered[1] = waves.sample(away, rng);
+        }
+        for (direction, share) in scattered {
+            let mut path = Path { direction, throughput: path.throughput * share, ..path };
+            if path.throughput > 0.0 && survives(&mut path.throughput, ROULETTE, rng) {
+                radiance += self.fly(path, paths, rng);
+            }
+        }
+        radiance
+    }
+
+    /// `weight` times the transmittance from where a path is to the Sun. A contribution
+    /// below `faint` is rounded up to it or down to nothing by chance, so that a walk
+    /// towards the Sun ends where too little is left.
     #[inline]
-    fn redirect(
-        &self,
-        direction: DVec3,
-        visible: f64,
-        collision: &Collision<'_>,
-        throughput: &mut f64,
-        rng: &mut Stream,
-    ) -> DVec3 {
-        let cosine = collision.sample(rng.random());
-        let share = TOWARDS_SUN * visible;
-        if share == 0.0 || *collision.phase_functions[0] == PhaseFunction::Isotropic {
-            return turn(direction, cosine, rng);
-        }
-        let around = if rng.random::<f64>() < share { self.sun.direction } else { direction };
-        let turned = turn(around, cosine, rng);
-        let wanted = collision.density(turned.dot(direction));
-        let towards_sun = collision.density(turned.dot(self.sun.direction));
-        *throughput *= wanted / (wanted + share * (towards_sun - wanted));
-        turned
-    }
-
-    /// Light that the surface reflects at `at`: sunlight, then all other light.
-    fn reflect(&self, at: DVec3, mut throughput: f64, rng: &mut Stream) -> f64 {
-        let sun = self.reflectance * self.sun.direction.z;
-        let radiance = self.sunlight(at, throughput * sun, 1.0, rng);
-        throughput *= PI * self.reflectance;
-        if !survives(&mut throughput, rng) {
-            return radiance;
-        }
-        let direction = turn(DVec3::Z, rng.random::<f64>().sqrt(), rng);
-        let heading = self.field.heading(direction);
-        let depth = -(1.0 - rng.random::<f64>()).ln();
-        match self.field.free_path(at, &heading, depth) {
-            Some(distance) => {
-                let at = at + distance * heading.local;
-                radiance + self.collide(at, direction, throughput, rng)
-            }
-            None => radiance,
-        }
-    }
-
-    /// `weight` times the transmittance from a point to the Sun. A faint contribution
-    /// is rounded up to [`FAINT`] or down to nothing by chance, so that a walk towards
-    /// the Sun ends where too little is left.
-    #[inline]
-    fn sunlight(&self, at: DVec3, weight: f64, extinction: f64, rng: &mut Stream) -> f64 {
-        let least = FAINT * (1.0 - rng.random::<f64>());
+    fn sunlight(&self, path: &Path, weight: f64, faint: f64, rng: &mut Stream) -> f64 {
+        let least = faint * (1.0 - rng.random::<f64>());
         if weight < least {
             return 0.0;
         }
+        // All that comes to a collision comes through the medium of the next one, sunlight
+        // too: what a later stage does not scatter is in it.
+        let extinction = self.stage(path.scatterings + 1).extinction;
+        let altitude = self.field.point(path.at).z;
+        let air = self.air.optical_depth(altitude, f64::INFINITY, self.sun.direction.z);
         let limit = (weight / least).ln() / extinction;
-        let depth = self.field.optical_depth(at, &self.sun, limit);
+        let depth = self.field.optical_depth(path.at, &self.sun, limit) + air / extinction;
         if depth > limit {
             return 0.0;
         }
-        (weight * (-depth * extinction).exp()).max(FAINT)
+        (weight * (-depth * extinction).exp()).max(faint)
     }
 
     /// Where a ray that left the medium meets the surface; `None` for a black surface
     /// and for rays that go up.
     #[inline]
     fn footprint(&self, at: DVec3, heading: &Heading) -> Option<DVec3> {
-        (self.reflectance > 0.0 && heading.local.z < 0.0).then(|| {
+        (!self.surface.is_black() && heading.local.z < 0.0).then(|| {
             let foot = at + (self.ground - at.z) / heading.local.z * heading.local;
             DVec3::new(foot.x, foot.y, self.ground)
         })
     }
 }
 
+/// A number from the exponential distribution: an optical depth.
+#[inline]
+fn exponential(rng: &mut Stream) -> f64 {
+    -(1.0 - rng.random::<f64>()).ln()
+}
+
 /// Russian roulette: whether a path lives on. One that does carries the throughput of
 /// those that do not.
 #[inline]
-pub(super) fn survives(throughput: &mut f64, rng: &mut Stream) -> bool {
-    if *throughput >= ROULETTE {
+pub(super) fn survives(throughput: &mut f64, least: f64, rng: &mut Stream) -> bool {
+    if *throughput >= least {
         return true;
     }
-    let lives = rng.random::<f64>() * ROULETTE < *throughput;
-    *throughput = ROULETTE;
+    let lives = rng.random::<f64>() * least < *throughput;
+    *throughput = least;
     lives
 }
-
 /// A unit vector at an angle of the given cosine to `axis`, at a random azimuth: a
 /// point in the unit disc gives the azimuth without trigonometry (von Neumann 1951),
 /// the frame is that of Duff et al. (2017).

@@ -2,7 +2,7 @@
 
 use super::check_scene;
 use super::field::Field;
-use super::path::{survives, turn};
+use super::path::{ROULETTE, survives, turn};
 use crate::error::{Error, Result};
 use crate::math::{DVec3, Ray};
 use crate::rng::{Purpose, RngExt, Stream, stream};
@@ -120,7 +120,7 @@ fn trace(scene: &Scene, field: &Field, rng: &mut Stream) -> [f64; SHARES] {
         absorbed += weight * (1.0 - collision.single_scattering_albedo);
         weight *= collision.single_scattering_albedo;
         scattered = true;
-        if !survives(&mut weight, rng) {
+        if !survives(&mut weight, ROULETTE, rng) {
             weight = 0.0;
             break;
         }

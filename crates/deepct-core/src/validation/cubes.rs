@@ -28,7 +28,8 @@ const SPHERE_VOXEL_ERROR: f64 = 5e-4;
 pub(super) fn run(mut report: Report) -> Result<()> {
     for (depth, g, cosine, shares, errors) in CUBES {
         let extinction = Volume::constant(unit_grid(5)?, depth as f32);
-        let fluxes = report.fluxes(&scene(extinction, 1.0, g, cosine)?)?;
+        let fluxes =
+            report.fluxes(&scene(extinction, 1.0, g, cosine)?, shares[0].min(shares[1]))?;
         let case = |what| format!("cube, tau {depth}, g {g}, mu0 {cosine}: {what}");
         let errors = [errors[0], errors[1], errors[0].hypot(errors[1])];
         let reference = |share: usize| Reference::new(shares[share], errors[share]);
@@ -45,7 +46,7 @@ pub(super) fn run(mut report: Report) -> Result<()> {
 /// beside the sphere leaves unscattered through the bottom.
 fn sphere(report: &mut Report) -> Result<()> {
     let scene = scene(sphere_of_voxels()?, 1.0, 0.85, 1.0)?;
-    let fluxes = report.fluxes(&scene)?;
+    let fluxes = report.fluxes(&scene, 0.02)?;
     // The share of the light that the sphere meets, which is pi / 4 of the box.
     let area = PI / 4.0;
     let upward = Share {

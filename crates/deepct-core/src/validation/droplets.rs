@@ -41,7 +41,7 @@ fn layer(report: &mut Report) -> Result<()> {
     let medium = Medium::new(Volume::constant(unit_grid(1)?, 64.0), 1.0, phase_function)?;
     let scene = Scene::new(medium, Sun::from_degrees(0.0, 90.0)?, Surface::BLACK)?
         .with_boundary(Boundary::Periodic);
-    let fluxes = report.fluxes(&scene)?;
+    let fluxes = report.fluxes(&scene, LAYER[1])?;
     let case = |what: &str| format!("cloud C.1, tau 64, mu0 1: {what}");
     report.compare(&[
         (case("reflected"), fluxes.reflected, Reference::new(LAYER[0], 0.5e-5)),

@@ -54,19 +54,22 @@ impl Suite {
 }
 
 /// How much work to do.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Effort {
     /// Photons, or samples of a radiance, of one case.
     pub samples: u32,
+    /// The standard error of a share of the light, over the share, for which so many
+    /// photons more are traced; infinite for none.
+    pub relative_error: f64,
     /// Seed of all random numbers.
     pub seed: u64,
 }
 
 impl Effort {
     /// A second or so for each case.
-    pub const QUICK: Self = Self { samples: 200_000, seed: 1 };
+    pub const QUICK: Self = Self { samples: 200_000, relative_error: f64::INFINITY, seed: 1 };
     /// Some minutes for each suite: noise of the size of the references' own.
-    pub const LONG: Self = Self { samples: 10_000_000, seed: 1 };
+    pub const LONG: Self = Self { samples: 10_000_000, relative_error: 1e-3, seed: 1 };
 }
 
 /// One comparison.
@@ -136,9 +139,10 @@ impl Report<'_> {
         self.started = Instant::now();
     }
 
-    /// The fluxes of a scene.
-    fn fluxes(&self, scene: &Scene) -> Result<Fluxes> {
-        let photons = u64::from(self.effort.samples);
+    /// The fluxes of a scene, of which `least` is the smallest share that is compared.
+    fn fluxes(&self, scene: &Scene, least: f64) -> Result<Fluxes> {
+        let needed = (1.0 - least) / (least * self.effort.relative_error.powi(2));
+        let photons = u64::from(self.effort.samples).max(needed as u64);
         fluxes(scene, FluxSettings { photons, seed: self.effort.seed })
     }
 }
@@ -181,7 +185,7 @@ fn scene(
     let phase = PhaseFunction::henyey_greenstein(asymmetry)?;
     let medium = Medium::new(extinction, single_scattering_albedo, phase)?;
     let sun = Sun::from_degrees(solar_cosine.acos().to_degrees(), 90.0)?;
-    Scene::new(medium, sun, Surface { albedo: 0.0, altitude: bottom })
+    Scene::new(medium, sun, Surface { altitude: bottom, ..Surface::BLACK })
 }
 
 /// A cube of 1 km in `[n, n, n]` voxels.

@@ -58,7 +58,8 @@ const H: [(f64, f64); 3] = [(0.1, 1.24735), (0.5, 2.01278), (1.0, 2.90781)];
 pub(super) fn run(mut report: Report) -> Result<()> {
     for (depth, albedo, g, cosine, reflected, transmitted) in FLUXES {
         let case = format!("tau {depth}, w {albedo}, g {g}, mu0 {cosine:.4}: ");
-        let fluxes = report.fluxes(&slab(depth, albedo, g, cosine)?)?;
+        let least = transmitted.map_or(reflected, |transmitted| reflected.min(transmitted));
+        let fluxes = report.fluxes(&slab(depth, albedo, g, cosine)?, least)?;
         let digits = if depth == 32.0 || albedo < 1.0 { FIFTH_DIGIT } else { 1e-6 };
         let reference = |value| Reference::new(value, digits);
         let mut checks = vec![(case.clone() + "reflected", fluxes.reflected, reference(reflected))];
@@ -69,7 +70,7 @@ pub(super) fn run(mut report: Report) -> Result<()> {
     }
     for (cosine, reflected) in SEMI_INFINITE {
         // Beyond an optical depth of 150 there is less than exp(-0.17 150) left.
-        let fluxes = report.fluxes(&slab(150.0, 0.99, 0.0, cosine)?)?;
+        let fluxes = report.fluxes(&slab(150.0, 0.99, 0.0, cosine)?, reflected)?;
         let case = format!("semi-infinite, w 0.99, isotropic, mu0 {cosine}: reflected");
         report.compare(&[(case, fluxes.reflected, Reference::new(reflected, FIFTH_DIGIT))]);
     }
@@ -104,7 +105,7 @@ fn radiances_of_a_layer(report: &mut Report) -> Result<()> {
 fn radiances_of_a_half_space(report: &mut Report) -> Result<()> {
     let (solar_cosine, solar_h) = H[1];
     let mut half_space = slab(20.0, 1.0, 0.0, solar_cosine)?;
-    half_space.surface = Surface { albedo: 1.0, altitude: 0.0 };
+    half_space.surface = Surface::lambertian(1.0);
     for (cosine, h) in H {
         let direction = -towards(cosine.acos(), 0.4);
         let origin = DVec3::new(0.3, 0.3, 1.0);

@@ -27,7 +27,7 @@ const INDEPENDENT: [(f64, f64); 2] = [(1.0, 0.34019), (0.5, 0.49979)];
 
 pub(super) fn run(mut report: Report) -> Result<()> {
     for (cosine, albedo, shares, error) in STEPS {
-        let fluxes = report.fluxes(&cloud(&OPTICAL_DEPTHS, cosine, albedo)?)?;
+        let fluxes = report.fluxes(&cloud(&OPTICAL_DEPTHS, cosine, albedo)?, 0.1)?;
         let case = |what| format!("step, w {albedo}, mu0 {cosine}: {what}");
         let mut checks = vec![
             (case("reflected"), fluxes.reflected, Reference::new(shares[0], error)),
@@ -40,8 +40,8 @@ pub(super) fn run(mut report: Report) -> Result<()> {
     }
     for (cosine, reflected) in INDEPENDENT {
         let halves = [
-            report.fluxes(&cloud(&OPTICAL_DEPTHS[..1], cosine, 1.0)?)?.reflected,
-            report.fluxes(&cloud(&OPTICAL_DEPTHS[1..], cosine, 1.0)?)?.reflected,
+            report.fluxes(&cloud(&OPTICAL_DEPTHS[..1], cosine, 1.0)?, 0.1)?.reflected,
+            report.fluxes(&cloud(&OPTICAL_DEPTHS[1..], cosine, 1.0)?, 0.1)?.reflected,
         ];
         let both = Share {
             mean: 0.5 * (halves[0].mean + halves[1].mean),

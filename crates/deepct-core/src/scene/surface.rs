@@ -1,0 +1,200 @@
+//! The surface below the scene: a horizontal plane without end.
+
+use crate::error::{Error, Result};
+use crate::math::DVec3;
+use crate::rng::{RngExt, Stream};
+use std::f64::consts::PI;
+
+/// The refractive index of sea water in visible light (Quan and Fry 1995: 1.34 at 550 nm).
+const WATER: f64 = 1.34;
+
+/// A surface that reflects light the same way into all directions (Lambert), and as a
+/// sea in the wind does where it has [`Waves`].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Surface {
+    /// Share of the incoming flux that is reflected into all directions alike, in
+    /// `[0, 1]`; of a sea with waves, what comes out of the water.
+    pub albedo: f64,
+    /// Altitude of the plane (km), at or below the bottom of the medium.
+    pub altitude: f64,
+    /// The waves that mirror the light; `None` for land.
+    pub waves: Option<Waves>,
+}
+
+/// The surface of a sea as many small mirrors, with slopes that follow the wind (Cox and
+/// Munk 1954), which hide each other at grazing angles (Smith 1967). There is no foam,
+/// and light that is mirrored twice is lost.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Waves {
+    /// Mean square slope, along and across the wind together.
+    slope_variance: f64,
+}
+
+impl Surface {
+    /// A surface that reflects nothing.
+    pub const BLACK: Self = Self::lambertian(0.0);
+    /// The dark ocean of the paper's simulations.
+    pub const OCEAN: Self = Self::lambertian(0.05);
+
+    /// A surface at sea level that reflects a share of the light into all directions.
+    pub const fn lambertian(albedo: f64) -> Self {
+        Self { albedo, altitude: 0.0, waves: None }
+    }
+
+    /// An error unless the albedo is a share.
+    pub(super) fn check(&self) -> Result<()> {
+        if (0.0..=1.0).contains(&self.albedo) {
+            return Ok(());
+        }
+        Err(Error::out_of_range("surface albedo", self.albedo, "between 0 and 1"))
+    }
+
+    /// Whether no light comes back.
+    pub fn is_black(&self) -> bool {
+        self.albedo == 0.0 && self.waves.is_none()
+    }
+
+    /// The reflectance distribution (1/sr) between two directions away from the surface.
+    #[inline]
+    pub fn reflectance(&self, one: DVec3, other: DVec3) -> f64 {
+        let mirrored = self.waves.map_or(0.0, |waves| waves.reflectance(one, other));
+        self.albedo / PI + mirrored
+    }
+}
+
+impl Waves {
+    /// The waves under a wind (m/s, 12.5 m above the sea): Cox and Munk (1954), the mean
+    /// square slope of a clean sea, whatever the wind's direction.
+    ///
+    /// # Errors
+    /// A wind outside 0.5 to 20 m/s; theirs was 1 to 14 m/s.
+    pub fn new(wind_speed: f64) -> Result<Self> {
+        if !(0.5..=20.0).contains(&wind_speed) {
+            return Err(Error::out_of_range("wind speed", wind_speed, "from 0.5 to 20 m/s"));
+        }
+        Ok(Self { slope_variance: 0.003 + 0.00512 * wind_speed })
+    }
+
+    /// The reflectance distribution (1/sr) between two directions away from the surface:
+    /// the density of mirrors that face half-way, times Fresnel's reflectance, over four
+    /// times both cosines.
+    #[inline]
+    pub fn reflectance(&self, one: DVec3, other: DVec3) -> f64 {
+        if one.z <= 0.0 || other.z <= 0.0 {
+            return 0.0;
+        }
+        let facing = (one + other).normalize();
+        let square = facing.z * facing.z;
+        let tangent_square = (1.0 - square) / square;
+        let density = (-tangent_square / self.slope_variance).exp()
+            / (PI * self.slope_variance * square * square);
+        let seen = 1.0 / (1.0 + self.hidden(one.z) + self.hidden(other.z));
+        fresnel(facing.dot(one)) * density * seen / (4.0 * one.z * other.z)
+    }
+
+    /// A direction into which light that comes from `away` is mirrored, and its weight:
+    /// the reflectance times the cosine over the density of the draw. A weight of zero
+    /// is light lost.
+    #[inline]
+    pub fn sample(&self, away: DVec3, rng: &mut Stream) -> (DVec3, f64) {
+        let steepness = (-self.slope_variance * (1.0 - rng.random::<f64>()).ln()).sqrt();
+        let (sine, cosine) = (2.0 * PI * rng.random::<f64>()).sin_cos();
+        let facing = DVec3::new(steepness * cosine, steepness * sine, 1.0).normalize();
+        let along = facing.dot(away);
+        let other = 2.0 * along * facing - away;
+        if along <= 0.0 || other.z <= 0.0 || away.z <= 0.0 {
+            return (other, 0.0);
+        }
+        let seen = 1.0 / (1.0 + self.hidden(away.z) + self.hidden(other.z));
+        (other, fresnel(along) * seen * along / (away.z * facing.z))
+    }
+
+    /// Area of mirrors that are hidden over that of those seen, at the cosine of a zenith
+    /// angle: the rational fit of Walter et al. (2007), section 5.2, to Smith's function.
+    #[inline]
+    fn hidden(&self, cosine: f64) -> f64 {
+        let a = cosine / ((1.0 - cosine * cosine).max(1e-12) * self.slope_variance).sqrt();
+        if a >= 1.6 {
+            return 0.0;
+        }
+        (1.0 - 1.259 * a + 0.396 * a * a) / (3.535 * a + 2.181 * a * a)
+    }
+}
+
+/// Fresnel's reflectance of unpolarised light that comes from air at an angle of the
+/// given cosine.
+#[inline]
+fn fresnel(cosine: f64) -> f64 {
+    let inside = (1.0 - (1.0 - cosine * cosine) / (WATER * WATER)).sqrt();
+    let across = (cosine - WATER * inside) / (cosine + WATER * inside);
+    let along = (WATER * cosine - inside) / (WATER * cosine + inside);
+    0.5 * (across * across + along * along)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::towards;
+    use crate::rng::{Purpose, stream};
+
+    #[test]
+    fn straight_on_water_reflects_two_per_cent() {
+        assert!((fresnel(1.0) - (0.34_f64 / 2.34).powi(2)).abs() < 1e-12);
+        assert!((fresnel(1e-9) - 1.0).abs() < 1e-6);
+        // Brewster's angle: only light that swings across is reflected.
+        let brewster = WATER.atan().cos();
+        let across = ((1.0 - WATER * WATER) / (1.0 + WATER * WATER)).powi(2);
+        assert!((fresnel(brewster) - 0.5 * across).abs() < 1e-12);
+    }
+
+    #[test]
+    fn light_may_go_both_ways() {
+        let waves = Waves::new(7.0).unwrap();
+        let (one, other) = (towards(0.5, 1.0), towards(0.7, 3.8));
+        assert!((waves.reflectance(one, other) - waves.reflectance(other, one)).abs() < 1e-15);
+        assert!(waves.reflectance(one, other) > 0.03);
+    }
+
+    /// The mean weight of drawn directions is the flux reflected; so is the integral of
+    /// the reflectance times the cosine, on a fine grid of directions.
+    #[test]
+    fn drawn_directions_have_the_reflectance() {
+        for (wind, zenith) in [(2.0, 0.3), (7.0, 0.9), (12.0, 1.3)] {
+            let waves = Waves::new(wind).unwrap();
+            let away = towards(zenith, 0.4);
+            let mut rng = stream(3, Purpose::Transport, &[]);
+            let (draws, mut sum, mut squares) = (200_000, 0.0, 0.0);
+            for _ in 0..draws {
+                let (_, weight) = waves.sample(away, &mut rng);
+                sum += weight;
+                squares += weight * weight;
+            }
+            let mean = sum / f64::from(draws);
+            let error = ((squares / f64::from(draws) - mean * mean) / f64::from(draws)).sqrt();
+            let (rings, sectors) = (1500, 1500);
+            let mut flux = 0.0;
+            for ring in 0..rings {
+                let cosine = (f64::from(ring) + 0.5) / f64::from(rings);
+                for sector in 0..sectors {
+                    let azimuth = 2.0 * PI * (f64::from(sector) + 0.5) / f64::from(sectors);
+                    flux += cosine * waves.reflectance(away, towards(cosine.acos(), azimuth));
+                }
+            }
+            flux *= 2.0 * PI / f64::from(rings * sectors);
+            let allowed = 4.0 * error + 1e-3 * flux;
+            assert!((mean - flux).abs() < allowed, "{wind} m/s: {mean} +- {error}, {flux}");
+            assert!(flux > 0.015 && flux < 1.0);
+        }
+    }
+
+    /// Straight down on a calm sea the shares of all mirrors add up to Fresnel's.
+    #[test]
+    fn a_calm_sea_is_a_mirror() {
+        let waves = Waves::new(0.5).unwrap();
+        let mut rng = stream(4, Purpose::Transport, &[]);
+        let draws = 20_000;
+        let sum: f64 = (0..draws).map(|_| waves.sample(DVec3::Z, &mut rng).1).sum();
+        assert!((sum / f64::from(draws) / fresnel(1.0) - 1.0).abs() < 0.01);
+        assert!(Waves::new(0.0).is_err() && Waves::new(f64::NAN).is_err());
+    }
+}
