@@ -223,8 +223,8 @@ fn the_similar_medium_is_nearly_the_same() {
     let scene = Scene::new(lumps(1.0), Sun::default(), Surface::OCEAN).unwrap();
     let target = scene.medium.extinction.grid.center();
     let views = Formation::cloudct_10().views(target, [8, 8]).unwrap();
-    let exact = draw(&scene, &views, monte_carlo(2000, None));
-    let similar = draw(&scene, &views, monte_carlo(2000, Some(4)));
+    let exact = draw(&scene, &views, monte_carlo(400, None));
+    let similar = draw(&scene, &views, monte_carlo(400, Some(4)));
     for view in 0..views.len() {
         let (exact, similar) = (mean(&exact, view), mean(&similar, view));
         agree("similar medium", similar, exact, 0.003 * exact.mean);
