@@ -1,12 +1,12 @@
 #!/usr/bin/env python3
 """Time the network beside ONNX Runtime, OpenVINO and PyTorch on the same weights and images.
 
-    python3 benches/compare.py [--json] [--rounds N] [--threads N]
+    python3 benches/compare.py [--json] [--algorithms] [--rounds N] [--threads N]
 
 builds deepct, installs the peers into benches/.venv, and prints a row for each network and
 size: median milliseconds of a run of each side, ours over the fastest peer's, and the
 largest error of each over the largest value in float64. The weights are trained, the images
-are clouds that deepct renders.
+are clouds that deepct renders. --algorithms compares our own algorithms and kernels instead.
 
 Every side is a process of its own that runs the network as often as it is told and answers
 with the times. The sides take turns, A B C D A B C D, so that what else the machine does
@@ -42,7 +42,11 @@ VENV = ROOT / "benches" / ".venv"
 PACKAGES = "h5py==3.16.0 numpy==2.4.6 onnx==1.22.0 safetensors==0.8.0"
 PEERS = {"onnxruntime": "1.31.0", "openvino": "2026.4.0", "torch": "2.13.0"}
 NETWORKS = ("pearls-32", "cloudct-10")
-SIZES = ((1, 32, 32), (1, 256, 256))  # images, rows, columns
+SIZES = ((1, 32, 32), (32, 32, 32), (1, 256, 256))  # images, rows, columns
+ALGORITHMS = ("im2col", "direct", "winograd-f2", "winograd-f4")
+KERNELS = (
+    ("portable", "neon") if platform.machine() == "aarch64" else ("portable", "avx2", "avx512")
+)
 CLOUDS, CLOUD = 4, 32  # how many are rendered, and the rows and columns of their images
 SECONDS_OF_PAUSE, SECONDS_A_TURN = 0.1, 0.1  # a turn is as many runs as fit, and one before
 
@@ -54,6 +58,7 @@ def main() -> None:
         return serve(*sys.argv[2:])
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--json", action="store_true", help="print one JSON object")
+    parser.add_argument("--algorithms", action="store_true", help="compare our own algorithms")
     parser.add_argument("--rounds", type=int, default=11, help="turns of each side")
     parser.add_argument("--threads", type=int, default=2, help="threads of each side")
     parser.add_argument("--weights", type=Path, default=ROOT / "benches" / "weights", help="folder")
@@ -64,14 +69,14 @@ def main() -> None:
     if Path(sys.prefix).resolve() != VENV.resolve():
         enter_environment()
     programs, rows = build(), []
-    commands = list_sides(programs, options.threads)
+    commands = list_sides(programs, options.threads, options.algorithms)
     for name, weights in files.items():
-        clouds = render(programs / "deepct", name) * load_weights(weights)[1]
-        for size in SIZES:
+        clouds = render(programs / "deepct", name)
+        for size in SIZES[::2] if options.algorithms else SIZES:
             row = {"network": name, "size": "{}x{}x{}".format(*size), "threads": options.threads}
             rows.append(row | compare(weights, fill(clouds, size), commands, options.rounds))
             if not options.json:
-                show(rows[-1], heads=len(rows) == 1)
+                (show_algorithms if options.algorithms else show)(rows[-1], heads=len(rows) == 1)
     if options.json:
         print(json.dumps({**provenance(), "rows": rows}, indent=2))
 
@@ -94,8 +99,9 @@ def build() -> Path:
     return Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target")) / "release"
 
 
-def load_weights(path: Path) -> tuple[Layers, float]:
-    """The layers and the input scale of a weights file (see io/weights.rs)."""
+def load_weights(path: Path) -> Layers:
+    """The layers of a weights file, its scales in the first and the last one's weights."""
+    import numpy as np
     from safetensors import safe_open
 
     with safe_open(path, framework="numpy") as file:
@@ -105,7 +111,10 @@ def load_weights(path: Path) -> tuple[Layers, float]:
         for index in range(count):
             weight, bias = map(file.get_tensor, (f"layers.{index}.weight", f"layers.{index}.bias"))
             layers.append((weight, bias, index + 1 < count or architecture["last_relu"]))
-    return layers, metadata["input_scale"]
+    incoming, outgoing = np.float32([metadata["input_scale"], metadata["output_scale"]])
+    layers[0] = (incoming * layers[0][0], *layers[0][1:])
+    layers[-1] = (outgoing * layers[-1][0], outgoing * layers[-1][1], layers[-1][2])
+    return layers
 
 
 def render(deepct: Path, formation: str) -> np.ndarray:
@@ -141,13 +150,19 @@ def fill(clouds: np.ndarray, size: tuple[int, int, int]) -> np.ndarray:
     return filled
 
 
-def list_sides(programs: Path, threads: int) -> dict[str, tuple[list, dict]]:
+def list_sides(programs: Path, threads: int, algorithms: bool) -> dict[str, tuple[list, dict]]:
     """The beginning of the command and the environment of each side."""
     timer, environment = [programs / "examples" / "infer_timer"], os.environ.copy()
     environment["RAYON_NUM_THREADS"] = str(threads)
     sides = {"deepct": (timer, environment)}
-    this = [sys.executable, __file__, "serve"]
-    return sides | {peer: ([*this, peer, str(threads)], environment) for peer in PEERS}
+    if not algorithms:
+        this = [sys.executable, __file__, "serve"]
+        return sides | {peer: ([*this, peer, str(threads)], environment) for peer in PEERS}
+    for algorithm, kernel in ((one, other) for one in ALGORITHMS for other in KERNELS):
+        forced = {"DEEPCT_ALGORITHM": algorithm, "DEEPCT_KERNEL": kernel}
+        sides[f"{algorithm} {kernel}"] = (timer, environment | forced)
+    sides["bfloat16"] = (timer, environment | {"DEEPCT_PRECISION": "bfloat16"})
+    return sides
 
 
 @dataclass
@@ -172,20 +187,20 @@ def compare(weights: Path, images: np.ndarray, commands: dict, rounds: int) -> d
     """All sides in turns on one network and one size."""
     import numpy as np
 
-    expected = exact(load_weights(weights)[0], images)
-    rows, cols = images.shape[2:]
+    expected = exact(load_weights(weights), images)
+    count, _, rows, cols = images.shape
     sides: dict[str, Side] = {}
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
     with tempfile.TemporaryDirectory() as folder:
         images.tofile(f"{folder}/input")
         for name, (command, environment) in commands.items():
-            files = [weights, f"{folder}/input", rows, cols, f"{folder}/{name}"]
+            files = [weights, f"{folder}/input", count, rows, cols, f"{folder}/{name}"]
             full = [str(part) for part in (*command, *files)]
             side = Side(subprocess.Popen(full, env=environment, **pipes))
             if times := side.take_turn():
                 side.runs = max(1, round(1e3 * SECONDS_A_TURN / min(times)))
                 sides[name] = side
-            else:
+            elif name in ("deepct", *PEERS):
                 sys.exit(f"compare.py: {name} does not run: {shlex.join(side.process.args)}")
         for _ in range(rounds):
             for side in sides.values():
@@ -213,6 +228,16 @@ def show(row: dict, heads: bool) -> None:
     times = "".join(f"{side['median_ms']:>12.2f}" for side in sides.values())
     errors = "".join(f"{side['error']:>12.1e}" for side in sides.values())
     print(f"{place}{times}{row['ratio_to_fastest']:>12.2f}{errors}", flush=True)
+
+
+def show_algorithms(row: dict, heads: bool) -> None:
+    """Print a row with our algorithms under each other, beside what the plan chose."""
+    if heads:
+        print(f"{'network':<11}{'size':>9}  {'side':<20}{'ms':>12}{'to deepct':>12}{'error':>12}")
+    for name, side in row["sides"].items():
+        relative = side["median_ms"] / row["sides"]["deepct"]["median_ms"]
+        values = f"{side['median_ms']:>12.2f}{relative:>12.2f}{side['error']:>12.1e}"
+        print(f"{row['network']:<11}{row['size']:>9}  {name:<20}{values}", flush=True)
 
 
 def provenance() -> dict:
@@ -310,11 +335,11 @@ def serve(peer: str, threads: str, weights: str, source: str, *rest: str) -> Non
     """Be a peer's process: answer each number of runs on standard input with their times."""
     import numpy as np
 
-    rows, cols = map(int, rest[:2])
-    images = np.fromfile(source, np.float32).reshape(1, -1, rows, cols)
+    count, rows, cols = map(int, rest[:3])
+    images = np.fromfile(source, np.float32).reshape(count, -1, rows, cols)
     starts = {"onnxruntime": start_onnxruntime, "openvino": start_openvino, "torch": start_torch}
-    run = starts[peer](load_weights(Path(weights))[0], images, int(threads))
-    run().tofile(rest[2])
+    run = starts[peer](load_weights(Path(weights)), images, int(threads))
+    run().tofile(rest[3])
     for line in sys.stdin:
         times = []
         for _ in range(int(line)):

@@ -7,7 +7,7 @@ import pytest
 from conftest import saved, seasoned_network, weights_metadata
 
 from weights_tools.__main__ import main
-from weights_tools.check import TOLERANCE, check
+from weights_tools.check import TOLERANCES, check
 from weights_tools.export import export
 from weights_tools.model import growing_channels
 
@@ -16,11 +16,13 @@ DEEPCT = os.environ.get("DEEPCT") or shutil.which("deepct")
 
 @pytest.mark.skipif(DEEPCT is None, reason="deepct is not on the PATH")
 @pytest.mark.parametrize(("views", "layers"), [(32, 33), (10, 81), (10, 33), (1, 1)])
-def test_deepct_gives_the_answer_of_pytorch(tmp_path, views, layers):
+@pytest.mark.parametrize("algorithm", TOLERANCES)
+def test_deepct_gives_the_answer_of_pytorch(tmp_path, views, layers, algorithm):
     network = seasoned_network(growing_channels(views, 32, layers))
     checkpoint = saved(tmp_path / "network.pt", network, True)
     export(checkpoint, tmp_path / "w.safetensors", weights_metadata(views, 32))
-    assert max(check(checkpoint, tmp_path / "w.safetensors", DEEPCT)) <= TOLERANCE
+    errors = check(checkpoint, tmp_path / "w.safetensors", DEEPCT, algorithm)
+    assert max(errors) <= TOLERANCES[algorithm]
 
 
 @pytest.mark.skipif(DEEPCT is None, reason="deepct is not on the PATH")

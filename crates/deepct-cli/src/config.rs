@@ -15,9 +15,10 @@ pub(crate) struct Args {
 }
 
 /// The verbs that have settings, and their commented defaults in TOML.
-const DEFAULTS: [(&str, &str); 4] = [
+const DEFAULTS: [(&str, &str); 5] = [
     ("cloud-cumulus", crate::cloud::CUMULUS),
     ("cloud-field", crate::cloud::FIELD),
+    ("infer", crate::infer::DEFAULTS),
     ("dataset", crate::dataset::DEFAULTS),
     ("render", crate::render::DEFAULTS),
 ];

@@ -1,8 +1,9 @@
 //! `deepct infer`: the extinction of a cloud from its images, by the network.
 
-use crate::Outcome;
 use crate::global::Global;
+use crate::{Outcome, config};
 use deepct_core::carve::{CarveSettings, carve};
+use deepct_core::conv;
 use deepct_core::grid::{Mask, Volume};
 use deepct_core::io::{Provenance, load_weights, read_mask, read_observation, write_volume};
 use deepct_core::network::Network;
@@ -27,12 +28,59 @@ pub(crate) struct Args {
     /// File of the extinction to write
     #[arg(long, value_name = "V.nc")]
     out: PathBuf,
+    #[command(flatten)]
+    settings: config::Settings,
+}
+
+/// Commented defaults of the settings.
+pub(crate) const DEFAULTS: &str = include_str!("defaults/infer.toml");
+
+/// The settings of a run.
+#[derive(Debug, serde::Deserialize, serde::Serialize)]
+#[serde(deny_unknown_fields)]
+struct InferSettings {
+    convolution: ConvolutionSettings,
+}
+
+#[derive(Debug, serde::Deserialize, serde::Serialize)]
+#[serde(deny_unknown_fields)]
+struct ConvolutionSettings {
+    algorithm: String,
+    kernel: String,
+    precision: String,
+    memory_mib: usize,
+}
+
+impl ConvolutionSettings {
+    fn resolve(&self) -> Result<conv::Settings> {
+        let chosen = |name: &str| (name != "auto").then(|| name.to_string());
+        let kernel = chosen(&self.kernel).map(|name| conv::Kernel::from_name(&name)).transpose()?;
+        let algorithm = chosen(&self.algorithm);
+        let algorithm = algorithm.map(|name| conv::Algorithm::from_name(&name)).transpose()?;
+        Ok(conv::Settings {
+            kernel: kernel.unwrap_or_else(conv::Kernel::best),
+            algorithm,
+            precision: conv::Precision::from_name(&self.precision)?,
+            memory: self.memory_mib.saturating_mul(1 << 20),
+        })
+    }
 }
 
 pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
-    let network = Network::new(&load_weights(&args.weights)?)?;
+    let settings: InferSettings = args.settings.resolve(DEFAULTS)?;
+    let weights = load_weights(&args.weights)?;
+    let convolution = settings.convolution.resolve()?;
+    let network = Network::with_settings(&weights, convolution)?;
     let observation = read_observation(&args.images)?;
     let mut volume = infer(&network, &observation).map_err(Error::in_file(&args.images))?;
+    let rounding = match convolution.precision {
+        conv::Precision::Single => None,
+        conv::Precision::Bfloat16 => {
+            let single = conv::Settings { precision: conv::Precision::Single, ..convolution };
+            let exact = infer(&Network::with_settings(&weights, single)?, &observation)?;
+            Some(Rounding::between(&volume, &exact))
+        }
+    };
     if let Some(mask) = find_mask(args, &observation, &volume)? {
         mask.apply(&mut volume)?;
     }
@@ -44,6 +92,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
         trained_on: &metadata.training.identity,
         mask: args.mask.as_deref(),
         carve: args.carve,
+        settings,
     };
     let provenance = Provenance {
         title: "Extinction by the network".into(),
@@ -56,8 +105,37 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
         let largest = volume.values.iter().copied().fold(0.0, f32::max);
         println!("grid     {levels} levels of {rows} x {cols} columns");
         println!("largest  {largest:.3} km-1");
+        if let Some(Rounding { largest, root_mean_square }) = rounding {
+            println!(
+                "bfloat16 differs from single precision by {:.2} % of the largest value at most, \
+                 {:.2} % of the root mean square",
+                100.0 * largest,
+                100.0 * root_mean_square
+            );
+        }
     }
     Ok(Outcome::Success)
+}
+
+/// What rounding did to a volume.
+#[derive(Debug, Clone, Copy)]
+struct Rounding {
+    /// Largest difference over the largest value.
+    largest: f64,
+    /// Root mean square of the difference over that of the values.
+    root_mean_square: f64,
+}
+
+impl Rounding {
+    fn between(rounded: &Volume, exact: &Volume) -> Self {
+        let [mut error, mut value] = [(0.0_f64, 0.0_f64); 2];
+        for (rounded, exact) in rounded.values.iter().zip(&exact.values) {
+            let (difference, exact) = (f64::from(rounded - exact), f64::from(*exact));
+            error = (error.0.max(difference.abs()), error.1 + difference * difference);
+            value = (value.0.max(exact.abs()), value.1 + exact * exact);
+        }
+        Self { largest: error.0 / value.0, root_mean_square: (error.1 / value.1).sqrt() }
+    }
 }
 
 fn infer(network: &Network, observation: &Observation) -> Result<Volume> {
@@ -95,4 +173,6 @@ struct Resolved<'a> {
     trained_on: &'a str,
     mask: Option<&'a Path>,
     carve: bool,
+    #[serde(flatten)]
+    settings: InferSettings,
 }

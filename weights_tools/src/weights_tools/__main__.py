@@ -11,7 +11,7 @@ import torch
 
 import weights_tools
 from weights_tools.baselines import baselines
-from weights_tools.check import SIZES, TOLERANCE, check
+from weights_tools.check import SIZES, TOLERANCES, check
 from weights_tools.dataset import load_dataset
 from weights_tools.errors import InputError
 from weights_tools.export import export, read_metadata
@@ -106,11 +106,16 @@ def _export(options: argparse.Namespace) -> int:
 
 
 def _check(options: argparse.Namespace) -> int:
-    errors = check(options.checkpoint, options.weights, options.deepct, options.seed)
-    for (rows, cols), error in zip(SIZES, errors):
-        verdict = "same" if error <= TOLERANCE else "DIFFERENT"
-        print(f"{rows:4d} x {cols:<4d} largest error / largest value {error:.2e}  {verdict}")
-    return 0 if max(errors) <= TOLERANCE else 1
+    same = True
+    for algorithm, tolerance in TOLERANCES.items():
+        errors = check(
+            options.checkpoint, options.weights, options.deepct, algorithm, options.seed
+        )
+        for (rows, cols), error in zip(SIZES, errors):
+            verdict = "same" if error <= tolerance else "DIFFERENT"
+            print(f"{rows:4d} x {cols:<4d} {algorithm:<12} error {error:.1e}  {verdict}")
+        same = same and max(errors) <= tolerance
+    return 0 if same else 1
 
 
 if __name__ == "__main__":

@@ -1,38 +1,79 @@
-//! One convolution: its weights packed for a kernel, and how a panel runs through it.
+//! One convolution: its weights packed for an algorithm, and how a band runs through it.
 
-use super::Kernel;
-use super::im2col::Panel;
-use super::kernels::{Cut, Tile, Tiles};
-use super::shape::{LINE, Plane, TAPS};
+use super::algorithm::{Algorithm, Method, Precision};
+use super::kernels::{
+    Kernel, Pair, PointProducts, ProductRow, Products, SegmentSum, Tile, TileRow, pair,
+    weights_four, weights_two,
+};
+use super::shape::{Bands, SEEN, TAPS, even_parts};
 use crate::error::{Error, Result};
-use ndarray::{ArrayView1, ArrayView4};
-use rayon::prelude::*;
+use ndarray::{Array4, ArrayView1, ArrayView4};
 use std::ops::Range;
+use std::sync::OnceLock;
 
-/// Input channels whose columns are gathered at once: with the widest panel 54 KiB,
-/// which the second level of cache holds while the output channels pass over it.
-const CHANNELS_AT_ONCE: usize = 32;
+/// Tiles that are transformed, multiplied and transformed back at once: their points stay
+/// in the second level of cache.
+const TILES_AT_ONCE: usize = 16;
 
-/// Panels that a thread takes at a time when there are many of them: neighbours share
-/// most of the input that they read.
-const PANELS_AT_ONCE: usize = 16;
+/// Pixels whose columns are gathered at once by im2col.
+const PIXELS_AT_ONCE: usize = 24;
+
+/// Points lie this much farther apart than their tiles are long, lest they compete for the
+/// same few places of the cache.
+const POINT_GAP: usize = 16;
 
 /// A 3x3 convolution with padding 1, a bias and an optional ReLU.
 #[derive(Debug, Clone)]
 pub struct Conv2d {
-    input_channels: usize,
-    output_channels: usize,
+    weight: Array4<f32>,
+    /// In whole vectors.
+    bias: Vec<f32>,
     relu: bool,
     kernel: Kernel,
-    bias: Vec<f32>,
-    /// For each run of input channels, for each block of output channels: the weights
-    /// `[input channel, tap, output channel]`.
-    packed: Vec<f32>,
+    packed: Packed,
+}
+
+/// The weights as the algorithms want them, each form made when it is first asked for:
+/// `[group of output channels, tap or point, input channel, output channel]`.
+#[derive(Debug, Clone, Default)]
+struct Packed {
+    taps: OnceLock<Vec<f32>>,
+    points: [OnceLock<Vec<f32>>; 2],
+    /// Two input channels at a time.
+    point_pairs: [OnceLock<Vec<Pair>>; 2],
+}
+
+/// Winograd's filtering with weights of some element.
+#[derive(Clone, Copy)]
+struct Filter<'a, E: 'static> {
+    tile: Tile,
+    products: Products<E>,
+    weights: &'a [E],
+    /// Input channels that an element holds.
+    channels: usize,
+}
+
+/// Tiles of a row that are computed together.
+struct TileRun<'a> {
+    /// The rows that they see, from the first column on.
+    rows: &'a [&'a [f32]],
+    tiles: usize,
+    /// Length of a row of the output.
+    row_len: usize,
+}
+
+/// What a band of the output is computed from.
+#[derive(Debug)]
+pub(super) struct BandInput<'a> {
+    /// The image that the band is of.
+    pub(super) bands: Bands,
+    /// The rows seen: one above the band, those of the band, one below.
+    pub(super) rows: [&'a [f32]; SEEN],
 }
 
 impl Conv2d {
-    /// A layer from its weights `[output channel, input channel, 3, 3]` and biases,
-    /// packed for `kernel`. The sum is a correlation, as in PyTorch.
+    /// A layer from its weights `[output channel, input channel, 3, 3]` and biases, for
+    /// `kernel`. The sum is a correlation, as in PyTorch.
     ///
     /// # Errors
     /// Kernels that are not 3x3, no channels, or another number of biases than of
@@ -43,171 +84,290 @@ impl Conv2d {
         relu: bool,
         kernel: Kernel,
     ) -> Result<Self> {
-        let (output_channels, input_channels, height, width) = weight.dim();
+        let (outputs, _, height, width) = weight.dim();
         if (height, width) != (3, 3) || weight.is_empty() {
             let shape = format!("{:?}", weight.shape());
             let range = "[out, in, 3, 3] with at least one channel in and out";
             return Err(Error::out_of_range("shape of a convolution's weight", shape, range));
         }
-        if bias.len() != output_channels {
+        if bias.len() != outputs {
             let remedy = "give one bias for each output channel";
-            return Err(Error::mismatch("length of bias", output_channels, bias.len(), remedy));
+            return Err(Error::mismatch("length of bias", outputs, bias.len(), remedy));
         }
-        let mut layer = Self {
-            input_channels,
-            output_channels,
-            relu,
-            kernel,
-            bias: bias.to_vec(),
-            packed: Vec::with_capacity(weight.len()),
-        };
-        for inputs in layer.input_runs() {
-            for outputs in layer.output_blocks() {
-                for (input, tap) in inputs.clone().flat_map(|i| (0..TAPS).map(move |t| (i, t))) {
-                    let at = |output| weight[[output, input, tap / 3, tap % 3]];
-                    layer.packed.extend(outputs.clone().map(at));
-                }
-            }
-        }
-        Ok(layer)
+        let mut bias = bias.to_vec();
+        bias.resize(outputs.next_multiple_of(kernel.lanes()), 0.0);
+        Ok(Self { weight: weight.to_owned(), bias, relu, kernel, packed: Packed::default() })
     }
 
     /// Channels read.
     pub fn input_channels(&self) -> usize {
-        self.input_channels
+        self.weight.dim().1
     }
 
     /// Channels written.
     pub fn output_channels(&self) -> usize {
-        self.output_channels
+        self.weight.dim().0
     }
 
-    /// The input channels, in runs whose columns are gathered at once.
-    fn input_runs(&self) -> impl Iterator<Item = Range<usize>> + use<> {
-        even_parts(self.input_channels, CHANNELS_AT_ONCE)
+    /// Floats of a pixel of the input: its channels in whole vectors.
+    pub(super) fn input_pitch(&self) -> usize {
+        self.input_channels().next_multiple_of(self.kernel.lanes())
     }
 
-    /// The output channels, in blocks that a kernel computes at once.
-    fn output_blocks(&self) -> impl Iterator<Item = Range<usize>> + use<> {
-        even_parts(self.output_channels, self.kernel.channels())
+    /// Floats of a pixel of the output.
+    pub(super) fn output_pitch(&self) -> usize {
+        self.bias.len()
     }
 
-    /// Length of the scratch of one thread: the columns and the sums of a panel.
-    pub(super) fn worker_scratch_len(&self) -> usize {
-        let columns = TAPS * self.input_channels.min(CHANNELS_AT_ONCE);
-        ((columns + self.output_channels) * self.kernel.pixels()).next_multiple_of(LINE)
+    /// The fastest way to compute it for an image.
+    pub(super) fn fastest(&self, bands: Bands, precision: Precision) -> Method {
+        let channels = [self.input_channels(), self.output_channels()];
+        Method::fastest(self.kernel, bands, channels, precision)
     }
 
-    /// Run the layer from planes to planes. Each of the workers' parts of `scratch`
-    /// serves one thread.
-    pub(super) fn run(
+    /// The vectors of output channels, in groups that are summed at once.
+    fn groups(&self) -> impl Iterator<Item = Range<usize>> + use<> {
+        even_parts(self.output_pitch() / self.kernel.lanes(), self.kernel.vectors())
+    }
+
+    /// Pack the weights for a method, if they were not before.
+    pub(super) fn prepare(&self, method: Method) {
+        match (method.tile(), method.precision) {
+            (None, _) => _ = self.taps(),
+            (Some(tile), Precision::Single) => _ = self.points(tile),
+            (Some(tile), Precision::Bfloat16) => _ = self.point_pairs(tile),
+        }
+    }
+
+    fn taps(&self) -> &[f32] {
+        self.packed.taps.get_or_init(|| self.pack::<1, TAPS, f32>(|taps| *taps, |[value]| value))
+    }
+
+    fn points(&self, tile: Tile) -> &[f32] {
+        self.packed.points[tile as usize].get_or_init(|| match tile {
+            Tile::Two => self.pack(weights_two, |[value]| value),
+            Tile::Four => self.pack(weights_four, |[value]| value),
+        })
+    }
+
+    fn point_pairs(&self, tile: Tile) -> &[Pair] {
+        self.packed.point_pairs[tile as usize].get_or_init(|| match tile {
+            Tile::Two => self.pack(weights_two, |[low, high]| pair(low, high)),
+            Tile::Four => self.pack(weights_four, |[low, high]| pair(low, high)),
+        })
+    }
+
+    /// Lay the weights out, the points being what `of` makes of the nine taps of an input
+    /// and an output channel, and an element what `join` makes of some input channels.
+    fn pack<const CHANNELS: usize, const POINTS: usize, E>(
         &self,
-        plane: Plane,
-        input: &[f32],
+        of: impl Fn(&[f32; TAPS]) -> [f32; POINTS],
+        join: impl Fn([f32; CHANNELS]) -> E,
+    ) -> Vec<E> {
+        let (taps, _) = self.weight.as_slice().expect("owned arrays are contiguous").as_chunks();
+        let points: Vec<[f32; POINTS]> = taps.iter().map(of).collect();
+        let inputs = self.input_channels();
+        let value = |point: usize, input: usize, output: usize| {
+            let inside = input < inputs && output < self.output_channels();
+            if inside { points[output * inputs + input][point] } else { 0.0 }
+        };
+        let mut packed = Vec::new();
+        for group in self.groups() {
+            let outputs = group.start * self.kernel.lanes()..group.end * self.kernel.lanes();
+            for point in 0..POINTS {
+                for input in (0..inputs).step_by(CHANNELS) {
+                    let element = |output: usize| {
+                        join(std::array::from_fn(|channel| value(point, input + channel, output)))
+                    };
+                    packed.extend(outputs.clone().map(element));
+                }
+            }
+        }
+        packed
+    }
+
+    /// Length of the scratch of one thread.
+    pub(super) fn scratch_len(&self, method: Method) -> usize {
+        let lanes = self.kernel.lanes();
+        let widest = self.groups().map(|group| group.len()).max().unwrap_or(0);
+        let winograd = |tile: Tile| {
+            let tile_len = self.input_pitch() + widest * lanes;
+            tile.points() * (TILES_AT_ONCE * tile_len + 2 * POINT_GAP)
+        };
+        match method.algorithm {
+            Algorithm::Im2col => PIXELS_AT_ONCE * TAPS * self.input_channels(),
+            Algorithm::Direct => 0,
+            Algorithm::WinogradF2 => winograd(Tile::Two),
+            Algorithm::WinogradF4 => winograd(Tile::Four),
+        }
+    }
+
+    /// Compute a band of the output: `[row, column, channel]` with the column of zeros at
+    /// the left, whose border is left to the caller.
+    pub(super) fn run_band(
+        &self,
+        method: Method,
+        input: &BandInput<'_>,
         output: &mut [f32],
         scratch: &mut [f32],
-        workers: usize,
     ) {
-        let panels = plane.positions().div_ceil(self.kernel.pixels());
-        let at_once = (panels / (8 * workers)).clamp(1, PANELS_AT_ONCE);
-        let positions = plane.head()..plane.head() + plane.positions();
-        let cut = Cut { plane_len: plane.len(), positions, tile: at_once * self.kernel.pixels() };
-        let tiles = Tiles::new(&mut output[..self.output_channels * plane.len()], cut);
-        let part = scratch.len() / workers / LINE * LINE;
-        scratch.par_chunks_exact_mut(part).for_each(|scratch| {
-            while let Some(mut tile) = tiles.next() {
-                for first in (0..tile.len).step_by(self.kernel.pixels()) {
-                    self.run_panel(plane, input, &mut tile, first, scratch);
-                }
+        match (method.tile(), method.precision) {
+            (None, _) if method.algorithm == Algorithm::Im2col => {
+                self.im2col(input, output, scratch);
             }
-        });
+            (None, _) => self.direct(input, output),
+            (Some(tile), Precision::Single) => {
+                let products = self.kernel.single();
+                let filter = Filter { tile, products, weights: self.points(tile), channels: 1 };
+                self.winograd(&filter, input, output, scratch);
+            }
+            (Some(tile), Precision::Bfloat16) => {
+                let products = self.kernel.bfloat16().expect("the stack has asked the kernel");
+                let weights = self.point_pairs(tile);
+                let filter = Filter { tile, products, weights, channels: 2 };
+                self.winograd(&filter, input, output, scratch);
+            }
+        }
     }
 
-    /// Compute the panel of `tile` that starts at its position `first`.
-    fn run_panel(
+    /// The rows of matrix products are pixels, whose columns are gathered first.
+    fn im2col(&self, input: &BandInput<'_>, output: &mut [f32], scratch: &mut [f32]) {
+        let (pitch, inputs) = (self.input_pitch(), self.input_channels());
+        let depth = TAPS * inputs;
+        for (row, out) in
+            output.chunks_exact_mut(input.bands.row_len(self.output_pitch())).enumerate()
+        {
+            for pixels in even_parts(input.bands.whole_cols(), PIXELS_AT_ONCE) {
+                let gathered = scratch.chunks_exact_mut(depth).zip(pixels.clone());
+                for (columns, pixel) in gathered {
+                    for (tap, column) in columns.chunks_exact_mut(inputs).enumerate() {
+                        let from = (pixel + tap % 3) * pitch;
+                        column.copy_from_slice(&input.rows[row + tap / 3][from..from + inputs]);
+                    }
+                }
+                self.sum([&*scratch], [depth, depth], pixels, out);
+            }
+        }
+    }
+
+    /// As [`Conv2d::im2col`], but that the columns of a tap are read where they are: the
+    /// pixels of a row follow each other.
+    fn direct(&self, input: &BandInput<'_>, output: &mut [f32]) {
+        let pitch = self.input_pitch();
+        for (row, out) in
+            output.chunks_exact_mut(input.bands.row_len(self.output_pitch())).enumerate()
+        {
+            let seen = |tap: usize| &input.rows[row + tap / 3][tap % 3 * pitch..];
+            let segments: [&[f32]; TAPS] = std::array::from_fn(seen);
+            self.sum(segments, [pitch, self.input_channels()], 0..input.bands.whole_cols(), out);
+        }
+    }
+
+    /// Write `pixels` of a row of the output: the sums of the products of `segments`, of a
+    /// pitch and a depth, with the weights.
+    fn sum<const SEGMENTS: usize>(
         &self,
-        plane: Plane,
-        input: &[f32],
-        tile: &mut Tile<'_>,
-        first: usize,
+        segments: [&[f32]; SEGMENTS],
+        [left_pitch, depth]: [usize; 2],
+        pixels: Range<usize>,
+        out: &mut [f32],
+    ) {
+        let (lanes, out_pitch) = (self.kernel.lanes(), self.output_pitch());
+        let mut packed = self.taps();
+        for group in self.groups() {
+            let right;
+            (right, packed) = packed.split_at(SEGMENTS * depth * group.len() * lanes);
+            let product = SegmentSum {
+                segments: &segments,
+                left_pitch,
+                rows: pixels.len(),
+                depth,
+                vectors: group.len(),
+                right,
+                bias: &self.bias[group.start * lanes..],
+                relu: self.relu,
+                out_pitch,
+            };
+            let from = (1 + pixels.start) * out_pitch + group.start * lanes;
+            self.kernel.sum_segments(&product, &mut out[from..]);
+        }
+    }
+
+    /// Winograd's minimal filtering, some tiles at a time: transform what they see, multiply
+    /// point by point, transform back.
+    fn winograd<E: bytemuck::Pod>(
+        &self,
+        filter: &Filter<'_, E>,
+        input: &BandInput<'_>,
+        output: &mut [f32],
         scratch: &mut [f32],
     ) {
-        let pixels = self.kernel.pixels();
-        let (sums, scratch) = scratch.split_at_mut(self.output_channels * pixels);
-        for (sums, bias) in sums.chunks_exact_mut(pixels).zip(&self.bias) {
-            sums.fill(*bias);
-        }
-        let mut packed = &self.packed[..];
-        for channels in self.input_runs() {
-            let depth = TAPS * channels.len();
-            let columns = &mut scratch[..depth * pixels];
-            let shares = even_shares(channels.clone(), self.output_blocks().count());
-            let panel = Panel { planes: input, plane, channels, first: tile.first + first };
-            let next = Panel { first: panel.first + pixels, ..panel.clone() };
-            self.kernel.gather(panel, columns);
-            for (block, channels) in self.output_blocks().zip(shares) {
-                // While this block is computed, what the next panel reads and writes is on
-                // its way into the cache.
-                self.kernel.prefetch_panel(Panel { channels, ..next.clone() });
-                for output in block.clone() {
-                    self.kernel.prefetch(tile.row(output), first + pixels);
-                }
-                let weights;
-                (weights, packed) = packed.split_at(depth * block.len());
-                let sums = &mut sums[block.start * pixels..block.end * pixels];
-                self.kernel.accumulate(columns, weights, sums);
-            }
-        }
-        self.store(plane, sums, tile, first);
-    }
-
-    /// Write the sums of a panel through the ReLU, and the zero after each row.
-    fn store(&self, plane: Plane, sums: &[f32], tile: &mut Tile<'_>, first: usize) {
-        let pixels = self.kernel.pixels();
-        let len = pixels.min(tile.len - first);
-        // Where in the panel the first row ends.
-        let row_end = plane.cols - (tile.first + first) % plane.pitch();
-        for (channel, sums) in sums.chunks_exact(pixels).enumerate() {
-            let target = &mut tile.row(channel)[first..first + len];
-            if self.relu {
-                for (target, sum) in target.iter_mut().zip(sums) {
-                    *target = sum.max(0.0);
-                }
-            } else {
-                target.copy_from_slice(&sums[..len]);
-            }
-            for zero in target.iter_mut().skip(row_end).step_by(plane.pitch()) {
-                *zero = 0.0;
+        let (in_pitch, out_pitch) = (self.input_pitch(), self.output_pitch());
+        let (size, row_len) = (filter.tile.size(), input.bands.row_len(out_pitch));
+        let seen = input.rows.windows(size + 2).step_by(size);
+        for (rows, output) in seen.zip(output.chunks_exact_mut(size * row_len)) {
+            for tiles in even_parts(input.bands.whole_cols() / size, TILES_AT_ONCE) {
+                let first = tiles.start * size;
+                let rows: [&[f32]; SEEN] = std::array::from_fn(|row| {
+                    rows.get(row).map_or(&[][..], |values| &values[first * in_pitch..])
+                });
+                let pixels = &mut output[(1 + first) * out_pitch..];
+                let run = TileRun { rows: &rows[..size + 2], tiles: tiles.len(), row_len };
+                self.winograd_tiles(filter, &run, pixels, scratch);
             }
         }
     }
-}
 
-/// `0..count` in as few parts as hold at most `most` each, as even as can be.
-fn even_parts(count: usize, most: usize) -> impl Iterator<Item = Range<usize>> {
-    even_shares(0..count, count.div_ceil(most))
-}
-
-/// A range in that many parts, as even as can be; some are empty when it is short.
-fn even_shares(range: Range<usize>, parts: usize) -> impl Iterator<Item = Range<usize>> {
-    let at = move |part: usize| range.start + part * range.len() / parts;
-    (0..parts).map(move |part| at(part)..at(part + 1))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn parts_are_even_and_cover_everything() {
-        for count in 1..40 {
-            for most in 1..9 {
-                let parts: Vec<_> = even_parts(count, most).collect();
-                assert_eq!(parts.len(), count.div_ceil(most));
-                assert!(parts.iter().all(|part| (1..=most).contains(&part.len())));
-                let all: Vec<_> = parts.into_iter().flatten().collect();
-                assert_eq!(all, (0..count).collect::<Vec<_>>());
-            }
+    /// Some tiles of a row; `output` starts at their first pixel.
+    fn winograd_tiles<E: bytemuck::Pod>(
+        &self,
+        filter: &Filter<'_, E>,
+        &TileRun { rows, tiles, row_len }: &TileRun<'_>,
+        output: &mut [f32],
+        scratch: &mut [f32],
+    ) {
+        let Filter { tile, products: loops, mut weights, channels } = *filter;
+        let (lanes, in_pitch, out_pitch) =
+            (self.kernel.lanes(), self.input_pitch(), self.output_pitch());
+        let left_pitch = [tiles * in_pitch / channels + POINT_GAP, in_pitch / channels];
+        let (left, products) = scratch.split_at_mut(tile.points() * left_pitch[0]);
+        let left = bytemuck::cast_slice_mut(left);
+        let source = TileRow {
+            rows,
+            tiles,
+            column_pitch: in_pitch,
+            vectors: in_pitch / lanes,
+            out_pitch: left_pitch,
+        };
+        loops.transform_input(tile, &source, left);
+        let depth = self.input_channels().div_ceil(channels);
+        for group in self.groups() {
+            let width = group.len() * lanes;
+            let product_pitch = [tiles * width + POINT_GAP, width];
+            let right;
+            (right, weights) = weights.split_at(tile.points() * depth * width);
+            let vectors = group.len();
+            let multiplied = PointProducts {
+                points: tile.points(),
+                rows: tiles,
+                depth,
+                vectors,
+                left,
+                left_pitch,
+                right,
+                out_pitch: product_pitch,
+            };
+            loops.multiply(&multiplied, products);
+            let source = ProductRow {
+                products,
+                pitch: product_pitch,
+                tiles,
+                vectors,
+                bias: &self.bias[group.start * lanes..],
+                relu: self.relu,
+                out_pitch: [row_len, out_pitch],
+            };
+            self.kernel.transform_output(tile, &source, &mut output[group.start * lanes..]);
         }
     }
 }

@@ -1,28 +1,27 @@
 //! The hand-written two-dimensional convolution: 3x3, padding 1, bias and ReLU fused.
 //!
-//! A layer is a matrix product: each output channel is the sum, over 9 taps of every
-//! input channel, of a weight times the image shifted by that tap. The images are cut
-//! into panels of a few dozen pixels. For one panel the shifted pixels are gathered as
-//! the columns of a matrix (im2col), small enough to stay in the cache of the core that
-//! made it, and a [`Kernel`] multiplies it with the weights, a block of output channels
-//! at a time whose sums all live in registers. Panels are shared out among threads.
-//!
 //! ```text
-//! Conv2d   the weights of a layer, packed once for a kernel
-//! Stack    layers one after another, and the scratch that they run in
-//! Kernel   the inner loops, chosen by what the processor can do
+//! Stack      layers one after another: run() computes a band of four rows at a time
+//! Lane       the memory of one image on its way through the layers
+//! Order      which thread computes which band of which layer, and when
+//! Conv2d     a layer, its weights packed once for an algorithm and a kernel
+//! Algorithm  im2col, direct, or Winograd's minimal filtering with tiles of 2x2 or 4x4
+//! Kernel     the inner loops, compiled for the instructions that the processor has
 //! ```
 //!
-//! Between layers the channels lie in padded planes, in which a shift
-//! by a tap is an offset: no border case is left in any loop.
+//! Between layers a pixel's channels lie side by side in whole vectors, so that every loop
+//! works on vectors of channels and no tap ever wants a shifted one.
 
-mod im2col;
+mod algorithm;
 pub mod kernels;
+mod lane;
 mod layer;
+mod schedule;
 mod shape;
 mod stack;
 
+pub use algorithm::{Algorithm, Precision};
 pub use kernels::Kernel;
 pub use layer::Conv2d;
 pub use shape::Conv2dShape;
-pub use stack::Stack;
+pub use stack::{Scales, Scratch, Settings, Stack};

@@ -1,10 +1,9 @@
-//! Shape arithmetic of a convolution and of the planes that it works on.
+//! Shape arithmetic of a convolution and of the bands that it works on.
+
+use std::ops::Range;
 
 /// Number of taps of a 3x3 kernel.
 pub(super) const TAPS: usize = 9;
-
-/// Planes start on multiples of a cache line of 16 floats.
-pub(super) const LINE: usize = 16;
 
 /// The shape of one 3x3 convolution with padding 1.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -37,70 +36,68 @@ impl Conv2dShape {
     }
 }
 
-/// One channel with a border of zeros, laid out so that a tap is an offset.
+/// Rows of an image that are computed together: two rows of tiles of F(2x2), one of
+/// F(4x4).
+pub(super) const BAND: usize = 4;
+
+/// Rows of the input that a band of the output depends on.
+pub(super) const SEEN: usize = BAND + 2;
+
+/// How an image lies in memory between the layers: in bands of [`BAND`] rows, each
+/// `[row, column, channel]` with the channels in whole vectors.
 ///
-/// Rows follow each other at a distance of `cols + 1`: the one zero after a row is the
-/// right border of that row and the left border of the next. A row of zeros comes
-/// before and one after. The plane is then a line of numbers, and the value that tap
-/// `(ky, kx)` wants for the pixel at `position(row, col) = row * pitch + col` stands at
-/// `position + ky * pitch + kx`, for the borders too.
+/// One column of zeros stands left of the image and at least one right of it, where the
+/// last tile of four columns ends. Rows that the last band has beyond the image are zeros
+/// too. So no loop knows a border, and a tile may end anywhere.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct Plane {
+pub(super) struct Bands {
     pub(super) rows: usize,
     pub(super) cols: usize,
 }
 
-/// The most pixels that a kernel takes at once; planes are so long that a panel may start
-/// at any position.
-pub(super) const MAX_PANEL: usize = 64;
-
-impl Plane {
-    /// Distance between rows.
-    pub(super) fn pitch(self) -> usize {
-        self.cols + 1
+impl Bands {
+    /// Number of bands.
+    pub(super) fn count(self) -> usize {
+        self.rows.div_ceil(BAND)
     }
 
-    /// Where pixel `[0, 0]` stands in the plane.
-    pub(super) fn head(self) -> usize {
-        self.pitch() + 1
+    /// Number of rows of the image in band `band`.
+    pub(super) fn rows_of(self, band: usize) -> usize {
+        BAND.min(self.rows - band * BAND)
     }
 
-    /// Number of positions that are computed: the pixels and the zero after each row.
-    pub(super) fn positions(self) -> usize {
-        self.rows * self.pitch()
+    /// Columns of the image and those that the last tile has beyond it.
+    pub(super) fn whole_cols(self) -> usize {
+        self.cols.next_multiple_of(BAND)
     }
 
-    /// Length of the plane. An odd number of cache lines, lest the channels of one
-    /// pixel compete for the same few places of the cache.
-    pub(super) fn len(self) -> usize {
-        let reach = self.positions() + MAX_PANEL + 2 * self.pitch() + 2;
-        let lines = reach.div_ceil(LINE);
-        (lines + 1 - lines % 2) * LINE
+    /// Length of a row of pixels of `pitch` floats.
+    pub(super) fn row_len(self, pitch: usize) -> usize {
+        (self.whole_cols() + 2) * pitch
     }
 
-    /// Copy an image into a plane and set the zeros around it.
-    pub(super) fn pad(self, image: &[f32], plane: &mut [f32]) {
-        self.clear_border(plane);
-        let inside = plane[self.head()..].chunks_exact_mut(self.pitch());
-        for (source, row) in image.chunks_exact(self.cols).zip(inside) {
-            row[..self.cols].copy_from_slice(source);
-            row[self.cols] = 0.0;
+    /// Length of a band of pixels of `pitch` floats.
+    pub(super) fn len(self, pitch: usize) -> usize {
+        BAND * self.row_len(pitch)
+    }
+
+    /// Set the zeros of a band around the pixels of the image.
+    pub(super) fn clear_border(self, band: usize, pitch: usize, values: &mut [f32]) {
+        let rows = self.rows_of(band);
+        let (inside, below) = values.split_at_mut(rows * self.row_len(pitch));
+        for row in inside.chunks_exact_mut(self.row_len(pitch)) {
+            row[..pitch].fill(0.0);
+            row[(1 + self.cols) * pitch..].fill(0.0);
         }
+        below.fill(0.0);
     }
+}
 
-    /// Set the zeros before the first pixel and after the last.
-    pub(super) fn clear_border(self, plane: &mut [f32]) {
-        plane[..self.head()].fill(0.0);
-        plane[self.head() + self.positions()..].fill(0.0);
-    }
-
-    /// Copy the pixels of a plane into an image.
-    pub(super) fn unpad(self, plane: &[f32], image: &mut [f32]) {
-        let inside = plane[self.head()..].chunks_exact(self.pitch());
-        for (row, target) in inside.zip(image.chunks_exact_mut(self.cols)) {
-            target.copy_from_slice(&row[..self.cols]);
-        }
-    }
+/// `0..count` in as few parts as hold at most `most` each, as even as can be.
+pub(super) fn even_parts(count: usize, most: usize) -> impl Iterator<Item = Range<usize>> {
+    let parts = count.div_ceil(most);
+    let at = move |part: usize| part * count / parts;
+    (0..parts).map(move |part| at(part)..at(part + 1))
 }
 
 #[cfg(test)]
@@ -116,24 +113,28 @@ mod tests {
     }
 
     #[test]
-    fn a_tap_is_an_offset_and_the_border_is_zero() {
-        for (rows, cols) in [(1, 1), (3, 5), (1, 4), (31, 16)] {
-            let plane = Plane { rows, cols };
-            let image: Vec<f32> = (1..=rows * cols).map(|value| value as f32).collect();
-            let mut padded = vec![f32::NAN; plane.len()];
-            plane.pad(&image, &mut padded);
-            for (row, col) in (0..rows).flat_map(|row| (0..cols).map(move |col| (row, col))) {
-                for (ky, kx) in (0..3).flat_map(|ky| (0..3).map(move |kx| (ky, kx))) {
-                    let (y, x) = (row + ky, col + kx);
-                    let inside = (1..=rows).contains(&y) && (1..=cols).contains(&x);
-                    let expected = if inside { image[(y - 1) * cols + x - 1] } else { 0.0 };
-                    let position = row * plane.pitch() + col;
-                    assert_eq!(padded[position + ky * plane.pitch() + kx], expected);
-                }
+    fn parts_are_even_and_cover_everything() {
+        for count in 1..40 {
+            for most in 1..9 {
+                let parts: Vec<_> = even_parts(count, most).collect();
+                assert_eq!(parts.len(), count.div_ceil(most));
+                assert!(parts.iter().all(|part| (1..=most).contains(&part.len())));
+                let all: Vec<_> = parts.into_iter().flatten().collect();
+                assert_eq!(all, (0..count).collect::<Vec<_>>());
             }
-            let mut back = vec![0.0; image.len()];
-            plane.unpad(&padded, &mut back);
-            assert_eq!(back, image);
+        }
+    }
+
+    #[test]
+    fn only_pixels_of_the_image_keep_their_values() {
+        let (bands, pitch) = (Bands { rows: 6, cols: 5 }, 2);
+        assert_eq!((bands.count(), bands.whole_cols(), bands.row_len(pitch)), (2, 8, 20));
+        let mut values = vec![1.0; bands.len(pitch)];
+        bands.clear_border(1, pitch, &mut values);
+        for (at, value) in values.iter().enumerate() {
+            let (row, col) = (at / 20, at % 20 / pitch);
+            let inside = row < 2 && (1..=5).contains(&col);
+            assert_eq!(*value, f32::from(u8::from(inside)));
         }
     }
 }

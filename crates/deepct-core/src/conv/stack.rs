@@ -1,22 +1,132 @@
 //! Convolutions one after another.
 
-use super::Conv2d;
-use super::shape::{LINE, Plane};
+use super::algorithm::Method;
+use super::lane::{Lane, Lengths, Work, unpoisoned};
+use super::schedule::Order;
+use super::shape::{BAND, Bands};
+use super::{Algorithm, Conv2d, Kernel, Precision};
 use crate::error::{Error, Result};
 use rayon::prelude::*;
+use std::ops::Range;
+use std::sync::Mutex;
 
-/// Layers that feed each other, and what they need to run.
+/// Images whose layers take no more than this (bytes) are computed one by each thread when
+/// there are several: what a thread works on stays in its own cache.
+const SMALL: usize = 1 << 20;
+
+/// How layers are run.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Settings {
+    /// The inner loops.
+    pub kernel: Kernel,
+    /// How every layer is computed; `None` takes the fastest for each layer and image.
+    pub algorithm: Option<Algorithm>,
+    /// What the products are made of.
+    pub precision: Precision,
+    /// Memory (bytes) that the bands of one image may take. Wider images are computed in
+    /// strips that overlap.
+    pub memory: usize,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            kernel: Kernel::best(),
+            algorithm: None,
+            precision: Precision::Single,
+            memory: 192 << 20,
+        }
+    }
+}
+
+impl Settings {
+    /// Whether the kernel and the algorithm can compute in the precision.
+    ///
+    /// # Errors
+    /// bfloat16 on a kernel or with an algorithm that has no such products.
+    pub fn check(self) -> Result<()> {
+        if self.precision == Precision::Single {
+            return Ok(());
+        }
+        if self.kernel.bfloat16().is_none() {
+            let range = "portable, or avx512 on a processor with AVX-512 BF16";
+            let what = "kernel of a convolution in bfloat16";
+            return Err(Error::out_of_range(what, self.kernel.name(), range));
+        }
+        match self.algorithm {
+            None | Some(Algorithm::WinogradF2 | Algorithm::WinogradF4) => Ok(()),
+            Some(algorithm) => {
+                let what = "algorithm of a convolution in bfloat16";
+                Err(Error::out_of_range(what, algorithm.name(), "winograd-f2 or winograd-f4"))
+            }
+        }
+    }
+}
+
+/// Factors of what goes into the first layer and of what comes out of the last.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Scales {
+    /// The first layer sees the input times this.
+    pub input: f32,
+    /// The output is what the last layer gives times this.
+    pub output: f32,
+}
+
+impl Default for Scales {
+    fn default() -> Self {
+        Self { input: 1.0, output: 1.0 }
+    }
+}
+
+/// Layers that feed each other.
 #[derive(Debug, Clone)]
 pub struct Stack {
     layers: Vec<Conv2d>,
+    scales: Scales,
+    settings: Settings,
+}
+
+/// Memory for [`Stack::run`], made once by [`Stack::scratch`] and used as often as wanted.
+#[derive(Debug)]
+pub struct Scratch {
+    /// `[image, row, col]` that it was made for.
+    size: [usize; 3],
+    /// One for each image that is computed at a time.
+    lanes: Vec<Mutex<Lane>>,
+}
+
+impl Scratch {
+    /// Its size in bytes.
+    pub fn bytes(&self) -> usize {
+        self.lanes.iter().map(|lane| unpoisoned(lane.lock()).bytes()).sum()
+    }
+}
+
+/// How images of a size are run.
+#[derive(Debug, Clone, Copy)]
+struct Plan {
+    image: Bands,
+    order: Order,
+    /// Columns of a strip, and how many of them at each side lie in the next one too.
+    strip: usize,
+    overlap: usize,
+}
+
+/// Columns of an image that are computed together.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Strip {
+    pub(super) computed: Range<usize>,
+    /// Those that no border but the image's own has reached.
+    pub(super) kept: Range<usize>,
 }
 
 impl Stack {
     /// A stack of layers, first to last.
     ///
     /// # Errors
-    /// No layers, or one that does not read as many channels as the one before writes.
-    pub fn new(layers: Vec<Conv2d>) -> Result<Self> {
+    /// No layers, or one that does not read as many channels as the one before writes;
+    /// bfloat16 on a kernel or with an algorithm that has no such products.
+    pub fn new(layers: Vec<Conv2d>, settings: Settings) -> Result<Self> {
         if layers.is_empty() {
             return Err(Error::out_of_range("number of layers", 0, "at least 1"));
         }
@@ -28,7 +138,17 @@ impl Stack {
                 return Err(Error::mismatch(what, written, read, remedy));
             }
         }
-        Ok(Self { layers })
+        settings.check()?;
+        Ok(Self { layers, scales: Scales::default(), settings })
+    }
+
+    /// The same layers between other scales.
+    pub fn with_scales(self, scales: Scales) -> Self {
+        Self { scales, ..self }
+    }
+
+    pub(super) fn scales(&self) -> Scales {
+        self.scales
     }
 
     /// Channels that the first layer reads.
@@ -41,94 +161,158 @@ impl Stack {
         self.layers[self.layers.len() - 1].output_channels()
     }
 
-    /// The number of floats of scratch that [`Stack::run`] needs for images of
-    /// `[rows, cols]`: two sets of planes, and for each thread of the pool that this is
-    /// called in the columns and sums of a panel.
-    pub fn scratch_len(&self, [rows, cols]: [usize; 2]) -> usize {
-        let plane = Plane { rows, cols };
-        let workers = rayon::current_num_threads();
-        LINE + 2 * self.most_channels() * plane.len() + workers * self.worker_scratch_len()
+    /// The algorithm of each layer for images of `[rows, cols]`.
+    pub fn algorithms(&self, [rows, cols]: [usize; 2]) -> impl Iterator<Item = Algorithm> + '_ {
+        self.layers.iter().map(move |layer| self.method(layer, Bands { rows, cols }).algorithm)
     }
 
-    /// Run all layers on `input`, `[input channel, row, col]`, and write `output`,
-    /// `[output channel, row, col]`. What is in `scratch` does not matter, before or
-    /// after. Nothing is allocated. The result does not depend on the number of threads.
+    /// The layers, first to last.
+    pub(super) fn layers(&self) -> &[Conv2d] {
+        &self.layers
+    }
+
+    /// How a layer is computed for an image.
+    pub(super) fn method(&self, layer: &Conv2d, image: Bands) -> Method {
+        let Settings { algorithm, precision, .. } = self.settings;
+        let fastest = || layer.fastest(image, precision);
+        algorithm.map_or_else(fastest, |algorithm| Method { algorithm, precision })
+    }
+
+    /// Memory for [`Stack::run`] on as many images of a size, `[image, row, col]`, by the
+    /// threads of the pool that this is called in. The weights are packed here for the
+    /// algorithms of that size, if they were not before.
     ///
     /// # Errors
-    /// Slices that are not of these shapes, or a scratch that is too short for the
-    /// pool of threads that this is called in.
-    pub fn run(
-        &self,
-        input: &[f32],
-        size: [usize; 2],
-        output: &mut [f32],
-        scratch: &mut [f32],
-    ) -> Result<()> {
-        self.check(input.len(), size, output.len(), scratch.len())?;
-        let [rows, cols] = size;
-        let plane = Plane { rows, cols };
-        // Rows of columns that start on a cache line are read in one piece.
-        let aligned = scratch.as_ptr().align_offset(LINE * size_of::<f32>()).min(LINE);
-        let scratch = &mut scratch[aligned..];
-        let planes_len = self.most_channels() * plane.len();
-        let (mut front, scratch) = scratch.split_at_mut(planes_len);
-        let (mut back, scratch) = scratch.split_at_mut(planes_len);
-        let workers = rayon::current_num_threads();
-        let scratch = &mut scratch[..workers * self.worker_scratch_len()];
-
-        let images = input.par_chunks_exact(rows * cols);
-        let planes = front.par_chunks_exact_mut(plane.len());
-        planes.zip(images).for_each(|(padded, image)| plane.pad(image, padded));
-        let planes = front.par_chunks_exact_mut(plane.len()).skip(self.input_channels());
-        planes.chain(back.par_chunks_exact_mut(plane.len())).for_each(|p| plane.clear_border(p));
-        for layer in &self.layers {
-            layer.run(plane, front, back, scratch, workers);
-            std::mem::swap(&mut front, &mut back);
+    /// A size of nothing, or one that no memory can hold.
+    pub fn scratch(&self, size: [usize; 3]) -> Result<Scratch> {
+        let [count, rows, cols] = size;
+        let channels = self.input_channels().max(self.output_channels());
+        let values = size.iter().try_fold(channels, |product, n| product.checked_mul(*n));
+        if values.is_none_or(|values| values == 0 || values > isize::MAX as usize / 64) {
+            let range = "at least 1 each, and countable";
+            return Err(Error::out_of_range("size [image, row, col]", format!("{size:?}"), range));
         }
-        let planes = front.par_chunks_exact(plane.len());
-        let images = output.par_chunks_exact_mut(rows * cols);
-        planes.zip(images).for_each(|(padded, image)| plane.unpad(padded, image));
+        let plan = self.plan(Bands { rows, cols });
+        for layer in &self.layers {
+            layer.prepare(self.method(layer, plan.image));
+        }
+        let lengths = self.lengths(plan);
+        let threads = rayon::current_num_threads();
+        let small = plan.order.slots() * lengths.band * size_of::<f32>() <= SMALL;
+        let (lanes, workers) = if small && count >= threads { (threads, 1) } else { (1, threads) };
+        let lane = || Lane::new(plan.order, lengths, workers);
+        Ok(Scratch { size, lanes: (0..lanes).map(|_| Mutex::new(lane())).collect() })
+    }
+
+    /// Run all layers on `input`, `[image, input channel, row, col]`, and write `output`,
+    /// `[image, output channel, row, col]`. What is in `scratch` does not matter, before or
+    /// after. Nothing is allocated. The result depends neither on the number of threads nor
+    /// on the memory allowed.
+    ///
+    /// # Errors
+    /// Slices that are not of these shapes for the size that the scratch was made for, or
+    /// a scratch that another stack made.
+    pub fn run(&self, input: &[f32], output: &mut [f32], scratch: &mut Scratch) -> Result<()> {
+        let [_, rows, cols] = scratch.size;
+        self.check(input.len(), output.len(), scratch.size)?;
+        let plan = self.plan(Bands { rows, cols });
+        if scratch
+            .lanes
+            .iter_mut()
+            .any(|lane| !unpoisoned(lane.get_mut()).fits(plan.order, self.lengths(plan)))
+        {
+            let remedy = "take the scratch from the stack that runs";
+            return Err(Error::mismatch("scratch", "one for these layers", "another", remedy));
+        }
+        let inputs = input.par_chunks_exact(self.input_channels() * rows * cols);
+        let outputs = output.par_chunks_exact_mut(self.output_channels() * rows * cols);
+        let lanes = &scratch.lanes;
+        let run = |(image, input, output): (usize, &[f32], &mut [f32])| {
+            let thread = rayon::current_thread_index().unwrap_or(image);
+            let mut lane = unpoisoned(lanes[thread % lanes.len()].lock());
+            for strip in plan.strips() {
+                lane.run(Work { stack: self, image: plan.image, strip: &strip, input }, output);
+            }
+        };
+        let images = inputs.zip(outputs).enumerate().map(|(i, (input, output))| (i, input, output));
+        if lanes.len() > 1 {
+            images.with_max_len(1).for_each(run);
+        } else {
+            // One after another, all threads at each: a thread that waits for a part of one
+            // image must not begin another.
+            images.with_min_len(usize::MAX).for_each(run);
+        }
         Ok(())
     }
 
-    fn check(&self, input: usize, size: [usize; 2], output: usize, scratch: usize) -> Result<()> {
-        let pixels = size[0].checked_mul(size[1]).unwrap_or(0);
-        if pixels == 0 {
-            let range = "at least 1 by 1, and countable";
-            return Err(Error::out_of_range("image size [row, col]", format!("{size:?}"), range));
-        }
+    fn check(&self, input: usize, output: usize, [count, rows, cols]: [usize; 3]) -> Result<()> {
         for (what, channels, found) in [
             ("number of values of the input", self.input_channels(), input),
             ("number of values of the output", self.output_channels(), output),
         ] {
-            if channels.checked_mul(pixels) != Some(found) {
-                let expected = format!("{channels} x {} x {}", size[0], size[1]);
-                let remedy = "give an array [channel, row, col] of the network's channels";
+            if count * channels * rows * cols != found {
+                let expected = format!("{count} x {channels} x {rows} x {cols}");
+                let remedy = "give an array [image, channel, row, col] of the network's channels";
                 return Err(Error::mismatch(what, expected, found, remedy));
             }
-        }
-        let needed = self.scratch_len(size);
-        if scratch < needed {
-            let remedy = "take its length from scratch_len, in the same pool of threads";
-            return Err(Error::mismatch("length of the scratch", needed, scratch, remedy));
         }
         Ok(())
     }
 
-    fn most_channels(&self) -> usize {
-        let channels = |layer: &Conv2d| layer.input_channels().max(layer.output_channels());
-        self.layers.iter().map(channels).max().unwrap_or(0)
+    /// Layer by layer where that takes less memory than a wave; in strips where either takes
+    /// more than is allowed.
+    fn plan(&self, image: Bands) -> Plan {
+        let layers = self.layers.len();
+        let orders = [false, true].map(|wave| Order::new(layers + 1, image.count(), wave));
+        let order = if orders[1].slots() < orders[0].slots() { orders[1] } else { orders[0] };
+        let pitch = self.widest_pitch();
+        let taken =
+            |cols| order.slots() * Bands { rows: image.rows, cols }.len(pitch) * size_of::<f32>();
+        let mut strip = image.cols.next_multiple_of(BAND);
+        // What is wrong at the end of a strip spreads by a tile a layer.
+        let overlap = layers * BAND;
+        while strip > 2 * overlap + BAND && taken(strip) > self.settings.memory {
+            strip -= BAND;
+        }
+        Plan { image, order, strip, overlap }
     }
 
-    fn worker_scratch_len(&self) -> usize {
-        self.layers.iter().map(Conv2d::worker_scratch_len).max().unwrap_or(0)
+    fn widest_pitch(&self) -> usize {
+        let pitch = |layer: &Conv2d| layer.input_pitch().max(layer.output_pitch());
+        self.layers.iter().map(pitch).max().unwrap_or(0)
+    }
+
+    fn lengths(&self, plan: Plan) -> Lengths {
+        let strip = Bands { rows: plan.image.rows, cols: plan.strip };
+        let last = &self.layers[self.layers.len() - 1];
+        let layer = |layer: &Conv2d| layer.scratch_len(self.method(layer, plan.image));
+        Lengths {
+            band: strip.len(self.widest_pitch()),
+            last: strip.len(last.output_pitch()),
+            layer: self.layers.iter().map(layer).max().unwrap_or(0),
+        }
     }
 }
 
+impl Plan {
+    /// The strips of the image, all as wide as can be but for the last.
+    fn strips(self) -> impl Iterator<Item = Strip> {
+        let Self { image: Bands { cols, .. }, strip, overlap, .. } = self;
+        let mut from = 0;
+        std::iter::from_fn(move || {
+            (from < cols).then(|| {
+                let start = from.saturating_sub(overlap);
+                let end = (start + strip).min(cols);
+                let kept = from..if end == cols { cols } else { end - overlap };
+                from = kept.end;
+                Strip { computed: start..end, kept }
+            })
+        })
+    }
+}
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::conv::Kernel;
     use ndarray::{Array1, Array4};
 
     fn value(index: usize) -> f32 {
@@ -153,11 +337,26 @@ mod tests {
             .collect()
     }
 
-    fn stack(layers: &[Layer], kernel: Kernel) -> Stack {
+    fn stack(layers: &[Layer], settings: Settings) -> Stack {
         let convolution = |(weight, bias, relu): &Layer| {
-            Conv2d::new(weight.view(), bias.view(), *relu, kernel).unwrap()
+            Conv2d::new(weight.view(), bias.view(), *relu, settings.kernel).unwrap()
         };
-        Stack::new(layers.iter().map(convolution).collect()).unwrap()
+        Stack::new(layers.iter().map(convolution).collect(), settings).unwrap()
+    }
+
+    /// Every kernel with every algorithm, and with the one it chooses, in every precision
+    /// that they have.
+    fn all_settings() -> Vec<Settings> {
+        let mut all = Vec::new();
+        for kernel in Kernel::available() {
+            for algorithm in [None].into_iter().chain(Algorithm::ALL.map(Some)) {
+                for precision in [Precision::Single, Precision::Bfloat16] {
+                    all.push(Settings { kernel, algorithm, precision, ..Settings::default() });
+                }
+            }
+        }
+        all.retain(|settings| settings.check().is_ok());
+        all
     }
 
     /// The definition, in f64: no padding tricks, no packing, no blocks.
@@ -187,15 +386,34 @@ mod tests {
         values
     }
 
-    fn run(stack: &Stack, input: &[f32], size: [usize; 2]) -> Vec<f32> {
-        let mut output = vec![f32::NAN; stack.output_channels() * size[0] * size[1]];
-        let mut scratch = vec![f32::NAN; stack.scratch_len(size)];
-        stack.run(input, size, &mut output, &mut scratch).unwrap();
+    fn run(stack: &Stack, input: &[f32], [rows, cols]: [usize; 2]) -> Vec<f32> {
+        let count = input.len() / stack.input_channels() / rows / cols;
+        let mut output = vec![f32::NAN; count * stack.output_channels() * rows * cols];
+        let mut scratch = stack.scratch([count, rows, cols]).unwrap();
+        stack.run(input, &mut output, &mut scratch).unwrap();
         output
     }
 
+    /// The largest error over the largest value.
+    fn error(found: &[f32], expected: &[f64]) -> f64 {
+        let largest = expected.iter().fold(0.0_f64, |most, value| most.max(value.abs()));
+        let errors = found.iter().zip(expected).map(|(f, e)| (f64::from(*f) - e).abs());
+        errors.fold(0.0, f64::max) / largest
+    }
+
+    /// What rounding may do in a few layers, over the largest value. F(4x4) multiplies and
+    /// divides by up to 64 on its way; the numbers of bfloat16 have 8 bits.
+    fn bound(settings: Settings) -> f64 {
+        match (settings.precision, settings.algorithm) {
+            (Precision::Bfloat16, Some(Algorithm::WinogradF4)) => 0.2,
+            (Precision::Bfloat16, _) => 0.02,
+            (_, Some(Algorithm::WinogradF4) | None) => 2e-5,
+            _ => 2e-6,
+        }
+    }
+
     #[test]
-    fn every_kernel_equals_the_definition_for_any_shape() {
+    fn every_algorithm_on_every_kernel_equals_the_definition_for_any_shape() {
         let channels: [&[usize]; 7] = [
             &[1, 1],
             &[3, 5],
@@ -211,80 +429,131 @@ mod tests {
                 let count = channels[0] * size[0] * size[1];
                 let input: Vec<f32> = (0..count).map(|at| value(at + 5)).collect();
                 let expected = naive(&layers, &input, size);
-                let largest = expected.iter().fold(0.0_f64, |most, value| most.max(value.abs()));
-                for kernel in Kernel::available() {
-                    let found = run(&stack(&layers, kernel), &input, size);
-                    for (found, expected) in found.iter().zip(&expected) {
-                        let error = (f64::from(*found) - expected).abs() / largest;
-                        assert!(error < 2e-6, "{kernel:?} {channels:?} {size:?}: {error}");
-                    }
+                for settings in all_settings() {
+                    let error = error(&run(&stack(&layers, settings), &input, size), &expected);
+                    assert!(error < bound(settings), "{settings:?} {channels:?} {size:?}: {error}");
                 }
             }
         }
     }
 
-    /// Panels end in every way at the end of the plane.
+    /// Tiles and rows of sums end in every way at the end of the image.
     #[test]
     fn every_width_is_computed_whole() {
         let layers = layers(&[1, 2]);
-        for cols in 1..200 {
+        for cols in 1..90 {
             let size = [2, cols];
             let input: Vec<f32> = (0..2 * cols).map(value).collect();
             let expected = naive(&layers, &input, size);
-            for kernel in Kernel::available() {
-                let found = run(&stack(&layers, kernel), &input, size);
-                for (found, expected) in found.iter().zip(&expected) {
-                    let error = (f64::from(*found) - expected).abs();
-                    assert!(error < 1e-6, "{kernel:?} {cols}: {error}");
-                }
+            for settings in all_settings() {
+                let error = error(&run(&stack(&layers, settings), &input, size), &expected);
+                assert!(error < bound(settings), "{settings:?} {cols}: {error}");
             }
         }
     }
 
+    /// Neither threads, nor a wave, nor strips, nor a batch change a bit.
     #[test]
-    fn the_number_of_threads_changes_no_bit() {
-        let layers = layers(&[10, 12, 14, 16]);
-        let size = [37, 41];
-        let input: Vec<f32> = (0..10 * size[0] * size[1]).map(value).collect();
-        for kernel in Kernel::available() {
-            let stack = stack(&layers, kernel);
-            let with = |threads| {
-                let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-                pool.install(|| run(&stack, &input, size))
-            };
-            assert_eq!(with(1), with(5));
+    fn the_way_through_the_image_changes_no_bit() {
+        let channels = [10, 12, 14, 16, 9];
+        let layers = layers(&channels);
+        for algorithm in Algorithm::ALL {
+            let settings = Settings { algorithm: Some(algorithm), ..Settings::default() };
+            let (narrow, whole) = (Settings { memory: 0, ..settings }, stack(&layers, settings));
+            for size in [[13, 41], [70, 90], [3, 150]] {
+                let input: Vec<f32> = (0..10 * size[0] * size[1]).map(value).collect();
+                let expected = run(&whole, &input, size);
+                for threads in [1, 5] {
+                    let pool =
+                        rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+                    assert_eq!(pool.install(|| run(&whole, &input, size)), expected);
+                    let strips = pool.install(|| run(&stack(&layers, narrow), &input, size));
+                    assert!(strips == expected, "{algorithm:?} {size:?} in strips");
+                }
+                let batch = run(&whole, &input.repeat(3), size);
+                assert!(batch == expected.repeat(3), "{algorithm:?} {size:?} in a batch");
+            }
+        }
+        let stack = stack(&layers, Settings::default());
+        assert!(stack.plan(Bands { rows: 70, cols: 90 }).order.slots() < 2 * 18, "no wave");
+    }
+
+    /// The instructions for bfloat16 and their portable twin round the same, but for the
+    /// order of sums.
+    #[test]
+    fn bfloat16_is_the_same_on_every_kernel() {
+        let layers = layers(&[33, 18, 20]);
+        let size = [9, 14];
+        let input: Vec<f32> = (0..33 * size[0] * size[1]).map(value).collect();
+        let with = |kernel| {
+            let precision = Precision::Bfloat16;
+            let settings = Settings { kernel, precision, ..Settings::default() };
+            settings.check().is_ok().then(|| run(&stack(&layers, settings), &input, size))
+        };
+        let results: Vec<_> = Kernel::available().into_iter().filter_map(with).collect();
+        let exact = naive(&layers, &input, size);
+        let portable: Vec<f64> = results[0].iter().copied().map(f64::from).collect();
+        assert!(error(&results[0], &exact) > 1e-4, "nothing was rounded");
+        for result in &results {
+            let error = error(result, &portable);
+            assert!(error < 2e-3, "{error}");
+        }
+    }
+
+    #[test]
+    fn strips_overlap_and_keep_every_column_once() {
+        let stack = stack(&layers(&[1, 1, 1]), Settings { memory: 0, ..Settings::default() });
+        for cols in 1..200 {
+            let plan = stack.plan(Bands { rows: 9, cols });
+            let strips: Vec<Strip> = plan.strips().collect();
+            let kept: Vec<usize> = strips.iter().flat_map(|strip| strip.kept.clone()).collect();
+            assert_eq!(kept, (0..cols).collect::<Vec<_>>());
+            for Strip { computed, kept } in strips {
+                assert!(computed.len() <= plan.strip && computed.start.is_multiple_of(BAND));
+                assert!(computed.start == 0 || kept.start >= computed.start + plan.overlap);
+                assert!(computed.end == cols || kept.end + plan.overlap <= computed.end);
+            }
         }
     }
 
     #[test]
     fn layers_and_slices_that_do_not_fit_are_refused() {
-        let kernel = Kernel::best();
+        let settings = Settings::default();
+        let kernel = settings.kernel;
         let mut all = layers(&[2, 3, 4]);
         all.swap(0, 1);
         let chain: Vec<Conv2d> = all
             .iter()
             .map(|(w, b, relu)| Conv2d::new(w.view(), b.view(), *relu, kernel).unwrap())
             .collect();
-        let error = Stack::new(chain).unwrap_err().to_string();
+        let error = Stack::new(chain, settings).unwrap_err().to_string();
         assert!(error.contains("channels into layer 1: expected 4, found 2"), "{error}");
-        assert!(Stack::new(Vec::new()).is_err());
+        assert!(Stack::new(Vec::new(), settings).is_err());
         let (weight, bias, _) = &all[0];
         assert!(Conv2d::new(weight.view(), bias.slice(ndarray::s![..1]), true, kernel).is_err());
         let narrow = weight.slice(ndarray::s![.., .., .., ..2]);
         assert!(Conv2d::new(narrow, bias.view(), true, kernel).is_err());
 
-        let stack = stack(&layers(&[2, 3]), kernel);
-        let mut scratch = vec![0.0; stack.scratch_len([4, 4])];
-        let mut run = |input: usize, size, output: usize, scratch_len: usize| {
-            let (input, mut output) = (vec![0.0; input], vec![0.0; output]);
-            stack.run(&input, size, &mut output, &mut scratch[..scratch_len])
+        let rounded = |algorithm| {
+            let precision = Precision::Bfloat16;
+            Settings { kernel: Kernel::available()[0], algorithm, precision, ..settings }.check()
         };
-        let enough = stack.scratch_len([4, 4]);
-        run(32, [4, 4], 48, enough).unwrap();
-        assert!(run(31, [4, 4], 48, enough).is_err());
-        assert!(run(32, [4, 4], 47, enough).is_err());
-        assert!(run(32, [4, 4], 48, enough - 1).is_err());
-        assert!(run(0, [0, 4], 0, enough).is_err());
-        assert!(run(0, [usize::MAX, 2], 0, enough).is_err());
+        rounded(None).unwrap();
+        let error = rounded(Some(Algorithm::Direct)).unwrap_err().to_string();
+        assert!(error.contains("winograd-f2 or winograd-f4"), "{error}");
+
+        let small = stack(&layers(&[2, 3]), settings);
+        let mut scratch = small.scratch([1, 4, 4]).unwrap();
+        let mut run = |stack: &Stack, input: usize, output: usize| {
+            stack.run(&vec![0.0; input], &mut vec![0.0; output], &mut scratch)
+        };
+        run(&small, 32, 48).unwrap();
+        assert!(run(&small, 31, 48).is_err());
+        assert!(run(&small, 32, 47).is_err());
+        let other = stack(&layers(&[2, 5, 3]), settings);
+        let error = run(&other, 32, 48).unwrap_err().to_string();
+        assert!(error.contains("take the scratch from the stack that runs"), "{error}");
+        assert!(small.scratch([1, 0, 4]).is_err());
+        assert!(small.scratch([1, usize::MAX, 2]).is_err());
     }
 }

@@ -11,7 +11,7 @@ pub use batch_norm::{BATCH_NORM_EPSILON, BatchNorm};
 pub use metadata::{FORMAT_VERSION, ImageLayout, Levels, Training, WeightsMetadata};
 pub use weights::{LayerWeights, Weights};
 
-use crate::conv::{Conv2d, Kernel, Stack};
+use crate::conv::{Conv2d, Scales, Scratch, Settings, Stack};
 use crate::error::{Error, Result};
 use crate::grid::{Grid, Volume};
 use crate::image::ViewStack;
@@ -26,27 +26,29 @@ pub struct Network {
 }
 
 impl Network {
-    /// The network of `weights`, on the fastest kernel that the processor has.
+    /// The network of `weights`, as fast as this processor runs it.
     ///
     /// # Errors
     /// Layers that do not feed each other; none for [`Weights`] made by
     /// [`Weights::new`].
     pub fn new(weights: &Weights) -> Result<Self> {
-        Self::with_kernel(weights, Kernel::best())
+        Self::with_settings(weights, Settings::default())
     }
 
-    /// The network of `weights` on a kernel of one's choice.
+    /// The network of `weights`, run in a way of one's choice.
     ///
     /// # Errors
     /// As [`Network::new`].
-    pub fn with_kernel(weights: &Weights, kernel: Kernel) -> Result<Self> {
-        let architecture = &weights.metadata.architecture;
+    pub fn with_settings(weights: &Weights, settings: Settings) -> Result<Self> {
+        let metadata = &weights.metadata;
         let layers = weights.layers.iter().enumerate().map(|(index, layer)| {
-            let relu = architecture.relu(index);
-            Conv2d::new(layer.weight.view(), layer.bias.view(), relu, kernel)
+            let relu = metadata.architecture.relu(index);
+            Conv2d::new(layer.weight.view(), layer.bias.view(), relu, settings.kernel)
         });
-        let stack = Stack::new(layers.collect::<Result<_>>()?)?;
-        Ok(Self { metadata: weights.metadata.clone(), stack })
+        let scales =
+            Scales { input: metadata.input_scale as f32, output: metadata.output_scale as f32 };
+        let stack = Stack::new(layers.collect::<Result<_>>()?, settings)?.with_scales(scales);
+        Ok(Self { metadata: metadata.clone(), stack })
     }
 
     /// What the network is for.
@@ -93,36 +95,31 @@ impl Network {
             return Err(Error::mismatch("number of views", self.views(), views, remedy));
         }
         let grid = self.grid(target, [rows, cols])?;
-        let input_scale = self.metadata.input_scale as f32;
-        let input: Vec<f32> = images.values.iter().map(|radiance| radiance * input_scale).collect();
-        let mut scratch = vec![0.0; self.scratch_len([rows, cols])];
+        let radiance = images.values.as_standard_layout();
+        let radiance = radiance.as_slice().expect("standard layout is contiguous");
+        let mut scratch = self.scratch([1, rows, cols])?;
         let mut values = Array3::zeros(grid.shape);
-        let output = values.as_slice_mut().expect("a new array is contiguous");
-        self.run(&input, [rows, cols], output, &mut scratch)?;
-        let output_scale = self.metadata.output_scale as f32;
-        values.mapv_inplace(|value| value * output_scale);
+        let extinction = values.as_slice_mut().expect("a new array is contiguous");
+        self.run(radiance, extinction, &mut scratch)?;
         Volume::new(grid, values)
     }
 
-    /// The number of floats of scratch that [`Network::run`] needs.
-    pub fn scratch_len(&self, size: [usize; 2]) -> usize {
-        self.stack.scratch_len(size)
-    }
-
-    /// Run the layers alone, without the scales: `input` is `[view, row, col]` and
-    /// `output` `[level, row, col]`, both C-ordered. Nothing is allocated.
+    /// Memory for [`Network::run`] on as many images of a size, `[cloud, row, col]`.
     ///
     /// # Errors
-    /// Slices that are not of these shapes, or a scratch shorter than
-    /// [`Network::scratch_len`].
-    pub fn run(
-        &self,
-        input: &[f32],
-        size: [usize; 2],
-        output: &mut [f32],
-        scratch: &mut [f32],
-    ) -> Result<()> {
-        self.stack.run(input, size, output, scratch)
+    /// A size of nothing, or one that no memory can hold.
+    pub fn scratch(&self, size: [usize; 3]) -> Result<Scratch> {
+        self.stack.scratch(size)
+    }
+
+    /// The extinction (1/km), `[cloud, level, row, col]`, of the clouds in images of
+    /// radiance (1/sr), `[cloud, view, row, col]`, of the size that `scratch` was made for.
+    /// All are C-ordered. Nothing is allocated.
+    ///
+    /// # Errors
+    /// Slices that are not of these shapes.
+    pub fn run(&self, input: &[f32], output: &mut [f32], scratch: &mut Scratch) -> Result<()> {
+        self.stack.run(input, output, scratch)
     }
 }
 
@@ -153,12 +150,12 @@ mod tests {
         assert!((center - DVec3::new(2.0, -1.0, 0.4 + 2.0 * 0.04)).length() < 1e-12);
         assert!((volume.grid.extent() - DVec3::new(0.35, 0.30, 0.16)).length() < 1e-12);
 
-        let input: Vec<f32> = images.values.iter().map(|value| 10.0 * value).collect();
-        let mut scratch = vec![0.0; network.scratch_len([6, 7])];
-        let mut output = vec![0.0; 4 * 6 * 7];
-        network.run(&input, [6, 7], &mut output, &mut scratch).unwrap();
-        assert!(output.iter().any(|value| *value > 0.0));
-        for (volume, output) in volume.values.iter().zip(output) {
+        let mut unscaled = weights(&[3, 5, 4], 3);
+        (unscaled.metadata.input_scale, unscaled.metadata.output_scale) = (1.0, 1.0);
+        let ten_times = ViewStack::new(10.0 * &images.values).unwrap();
+        let output = Network::new(&unscaled).unwrap().infer(&ten_times, [2.0, -1.0]).unwrap();
+        assert!(output.values.iter().any(|value| *value > 0.0));
+        for (volume, output) in volume.values.iter().zip(output.values) {
             assert_eq!(*volume, 5.0 * output);
         }
     }

@@ -1,67 +1,112 @@
-//! AVX-512: 32 registers of 16 floats.
+//! AVX-512: 16 floats a register, 32 registers.
 
-use super::for_block;
-use crate::conv::im2col::{self, Panel};
+use super::vector::{Element, Pair, Vector};
 use std::arch::x86_64::{
-    __m512, _mm512_fmadd_ps, _mm512_loadu_ps, _mm512_set1_ps, _mm512_setzero_ps, _mm512_storeu_ps,
+    __m256bh, __m256i, __m512, __m512bh, __m512i, _mm256_storeu_si256, _mm512_add_ps,
+    _mm512_cvtneps_pbh, _mm512_dpbf16_ps, _mm512_fmadd_ps, _mm512_loadu_ps, _mm512_loadu_si512,
+    _mm512_max_ps, _mm512_mul_ps, _mm512_set1_epi32, _mm512_set1_ps, _mm512_storeu_ps,
+    _mm512_sub_ps,
 };
+use std::mem::transmute;
 
-/// Vectors in a panel.
-const VECTORS: usize = 3;
-/// Pixels in a panel.
-pub(super) const PIXELS: usize = 16 * VECTORS;
-/// Output channels in a block: 24 registers hold sums, 3 columns; weights are read.
-pub(super) const CHANNELS: usize = 8;
+// SAFETY: every method is one instruction of AVX-512F.
+#[allow(unsafe_code)]
+unsafe impl Vector for __m512 {
+    const LANES: usize = 16;
 
-/// As [`Kernel::gather`](super::Kernel::gather).
-#[target_feature(enable = "avx512f")]
-pub(super) fn gather(panel: Panel<'_>, columns: &mut [f32]) {
-    im2col::gather::<PIXELS>(panel, columns);
-}
-
-/// As [`Kernel::accumulate`](super::Kernel::accumulate).
-#[target_feature(enable = "avx512f")]
-pub(super) fn accumulate(columns: &[f32], weights: &[f32], sums: &mut [f32]) {
-    for_block!(sums.len() / PIXELS, block(columns, weights, sums), 1 2 3 4 5 6 7 8);
-}
-
-#[target_feature(enable = "avx512f")]
-fn block<const N: usize>(columns: &[f32], weights: &[f32], sums: &mut [f32]) {
-    let (columns, _) = columns.as_chunks::<PIXELS>();
-    let (weights, _) = weights.as_chunks::<N>();
-    let (sums, _) = sums.as_chunks_mut::<PIXELS>();
-    let mut held = [[_mm512_setzero_ps(); VECTORS]; N];
-    for (held, sums) in held.iter_mut().zip(sums.iter()) {
-        *held = load(sums);
+    #[inline(always)]
+    unsafe fn splat(value: f32) -> Self {
+        // SAFETY: the trait's promise.
+        unsafe { _mm512_set1_ps(value) }
     }
-    for (column, weights) in columns.iter().zip(weights) {
-        let column = load(column);
-        for (held, weight) in held.iter_mut().zip(weights) {
-            let weight = _mm512_set1_ps(*weight);
-            for (sum, value) in held.iter_mut().zip(column) {
-                *sum = _mm512_fmadd_ps(weight, value, *sum);
-            }
+
+    #[inline(always)]
+    unsafe fn load(from: *const f32) -> Self {
+        // SAFETY: the trait's promise.
+        unsafe { _mm512_loadu_ps(from) }
+    }
+
+    #[inline(always)]
+    unsafe fn store(self, to: *mut f32) {
+        // SAFETY: the trait's promise.
+        unsafe { _mm512_storeu_ps(to, self) }
+    }
+
+    #[inline(always)]
+    unsafe fn add(self, other: Self) -> Self {
+        // SAFETY: the trait's promise.
+        unsafe { _mm512_add_ps(self, other) }
+    }
+
+    #[inline(always)]
+    unsafe fn sub(self, other: Self) -> Self {
+        // SAFETY: the trait's promise.
+        unsafe { _mm512_sub_ps(self, other) }
+    }
+
+    #[inline(always)]
+    unsafe fn mul(self, factor: Self) -> Self {
+        // SAFETY: the trait's promise.
+        unsafe { _mm512_mul_ps(self, factor) }
+    }
+
+    #[inline(always)]
+    unsafe fn mul_add(self, factor: Self, addend: Self) -> Self {
+        // SAFETY: the trait's promise.
+        unsafe { _mm512_fmadd_ps(self, factor, addend) }
+    }
+
+    #[inline(always)]
+    unsafe fn max(self, other: Self) -> Self {
+        // SAFETY: the trait's promise.
+        unsafe { _mm512_max_ps(self, other) }
+    }
+}
+
+// SAFETY: every method is one instruction of AVX-512F or AVX-512 BF16.
+#[allow(unsafe_code)]
+unsafe impl Element<__m512> for Pair {
+    const CHANNELS: usize = 2;
+
+    type Vector = __m512i;
+
+    #[inline(always)]
+    unsafe fn splat(self) -> __m512i {
+        // SAFETY: the trait's promise.
+        unsafe { _mm512_set1_epi32(self.cast_signed()) }
+    }
+
+    #[inline(always)]
+    unsafe fn load(from: *const Pair) -> __m512i {
+        // SAFETY: the trait's promise.
+        unsafe { _mm512_loadu_si512(from.cast()) }
+    }
+
+    #[inline(always)]
+    unsafe fn store(values: __m512, to: *mut Pair) {
+        // SAFETY: the trait's promise; 256 bits of any type are as good as another.
+        unsafe {
+            let rounded = transmute::<__m256bh, __m256i>(_mm512_cvtneps_pbh(values));
+            _mm256_storeu_si256(to.cast(), rounded);
         }
     }
-    for (held, sums) in held.iter().zip(sums) {
-        store(held, sums);
+
+    #[inline(always)]
+    unsafe fn multiply_add(left: __m512i, right: __m512i, sums: __m512) -> __m512 {
+        // SAFETY: the trait's promise; 512 bits of any type are as good as another.
+        unsafe {
+            let [left, right] = [left, right].map(|pairs| transmute::<__m512i, __m512bh>(pairs));
+            _mm512_dpbf16_ps(sums, left, right)
+        }
     }
 }
 
-#[allow(unsafe_code)]
-#[target_feature(enable = "avx512f")]
-fn load(values: &[f32; PIXELS]) -> [__m512; VECTORS] {
-    let (vectors, _) = values.as_chunks::<16>();
-    // SAFETY: each of the vectors is 16 floats, and the load wants no alignment.
-    std::array::from_fn(|index| unsafe { _mm512_loadu_ps(vectors[index].as_ptr()) })
-}
-
-#[allow(unsafe_code)]
-#[target_feature(enable = "avx512f")]
-fn store(held: &[__m512; VECTORS], values: &mut [f32; PIXELS]) {
-    let (vectors, _) = values.as_chunks_mut::<16>();
-    for (vector, held) in vectors.iter_mut().zip(held) {
-        // SAFETY: the target is 16 floats, and the store wants no alignment.
-        unsafe { _mm512_storeu_ps(vector.as_mut_ptr(), *held) };
-    }
-}
+// 8 rows by 3 vectors are 24 sums; 3 weights and the value of a row fit beside them.
+super::instantiate!(
+    "avx512", __m512, #[target_feature(enable = "avx512f")],
+    rows [1, 2, 3, 4, 5, 6, 7, 8], vectors [1, 2, 3]
+);
+super::instantiate_pairs!(
+    __m512, #[target_feature(enable = "avx512f,avx512bf16")],
+    rows [1, 2, 3, 4, 5, 6, 7, 8], vectors [1, 2, 3]
+);

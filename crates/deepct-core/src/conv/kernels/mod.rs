@@ -1,214 +1,478 @@
 //! The inner loops, one file for each set of instructions, and the only place of the
 //! convolution that is `unsafe`.
 //!
-//! A kernel is two functions of a panel of `pixels()` pixels: one gathers the columns,
-//! the other adds the product of a block of weights with them to the sums of up to
-//! `channels()` output channels, all of which it holds in registers. Both numbers are
-//! chosen so that the sums, the columns and a weight just fill the registers.
-//!
-//! The portable kernel is plain Rust and the twin that the others are tested against;
-//! one suite, at the end of this file, runs on every kernel that the processor has.
+//! The loops are written once, over [`vector::Vector`]: products in `multiply`, Winograd's
+//! transforms in `winograd`. A file for a set of instructions says what a vector is and
+//! how many rows and vectors of sums its registers hold; `instantiate!` compiles the loops
+//! for it. The portable kernel is plain Rust and the twin that the others are tested
+//! against; one suite, at the end of this file, runs on every kernel that the processor has.
 
 #[cfg(target_arch = "x86_64")]
 mod avx2;
 #[cfg(target_arch = "x86_64")]
 mod avx512;
+mod multiply;
+#[cfg(target_arch = "aarch64")]
+mod neon;
+mod planes;
 mod scalar;
-mod tiles;
+mod vector;
+mod winograd;
 
-use crate::conv::im2col::Panel;
-#[cfg(target_arch = "x86_64")]
-use crate::conv::shape::LINE;
-pub(super) use tiles::{Cut, Tile, Tiles};
+pub(super) use multiply::{PointProducts, SegmentSum};
+pub(super) use planes::SharedPlanes;
+pub(super) use vector::{Pair, pair};
+pub(super) use winograd::{ProductRow, TileRow, weights_four, weights_two};
+
+use super::shape::even_parts;
+use crate::error::{Error, Result};
+use std::fmt;
 
 /// A set of inner loops that the processor can run.
 ///
-/// A value can only be had from [`Kernel::available`] and [`Kernel::best`], which ask
+/// A value can only be had from [`Kernel::available`] and what is built on it, which ask
 /// the processor; that is why running one is safe.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Kernel(Instructions);
+#[derive(Clone, Copy)]
+pub struct Kernel(&'static Loops);
 
+/// The loops compiled for one set of instructions.
+struct Loops {
+    name: &'static str,
+    lanes: usize,
+    vectors: usize,
+    sum_segments: unsafe fn(&SegmentSum<'_>, &mut [f32]),
+    products: ProductLoops<f32>,
+    output: [unsafe fn(&ProductRow<'_>, &mut [f32]); 2],
+}
+
+/// Winograd's loops over matrices of an element.
+pub(super) struct ProductLoops<E: 'static> {
+    input: [unsafe fn(&TileRow<'_>, &mut [E]); 2],
+    multiply: unsafe fn(&PointProducts<'_, E>, &mut [f32]),
+}
+
+/// The tiles of Winograd's filtering.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Instructions {
-    Portable,
-    #[cfg(target_arch = "x86_64")]
-    Avx2,
-    #[cfg(target_arch = "x86_64")]
-    Avx512,
+pub(super) enum Tile {
+    /// 2 x 2 pixels: F(2x2, 3x3).
+    Two,
+    /// 4 x 4 pixels: F(4x4, 3x3).
+    Four,
+}
+
+impl Tile {
+    /// Pixels along each side.
+    pub(super) fn size(self) -> usize {
+        match self {
+            Self::Two => 2,
+            Self::Four => 4,
+        }
+    }
+
+    /// Number of products that a tile wants: the pixels of the input that it sees.
+    pub(super) fn points(self) -> usize {
+        (self.size() + 2) * (self.size() + 2)
+    }
 }
 
 impl Kernel {
     /// The kernels that this processor can run, slowest first.
     pub fn available() -> Vec<Self> {
-        let mut kernels = vec![Self(Instructions::Portable)];
+        #[cfg_attr(not(any(target_arch = "x86_64", target_arch = "aarch64")), allow(unused_mut))]
+        let mut kernels = vec![Self(&scalar::LOOPS)];
         #[cfg(target_arch = "x86_64")]
         {
             if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
-                kernels.push(Self(Instructions::Avx2));
+                kernels.push(Self(&avx2::LOOPS));
             }
             if is_x86_feature_detected!("avx512f") {
-                kernels.push(Self(Instructions::Avx512));
+                kernels.push(Self(&avx512::LOOPS));
             }
+        }
+        #[cfg(target_arch = "aarch64")]
+        if std::arch::is_aarch64_feature_detected!("neon") {
+            kernels.push(Self(&neon::LOOPS));
         }
         kernels
     }
 
     /// The fastest kernel that this processor can run.
     pub fn best() -> Self {
-        Self::available().pop().unwrap_or(Self(Instructions::Portable))
+        Self::available().pop().unwrap_or(Self(&scalar::LOOPS))
     }
 
-    /// Its name: `portable`, `avx2` or `avx512`.
+    /// The kernel of that name.
+    ///
+    /// # Errors
+    /// A name that no kernel has, or one that this processor cannot run.
+    pub fn from_name(name: &str) -> Result<Self> {
+        let kernels = Self::available();
+        let named = kernels.iter().find(|kernel| kernel.name() == name);
+        named.copied().ok_or_else(|| {
+            let names: Vec<_> = kernels.iter().map(|kernel| kernel.name()).collect();
+            let range = format!("one that this processor runs: {}", names.join(", "));
+            Error::out_of_range("kernel of the convolution", name, range)
+        })
+    }
+
+    /// Its name: `portable`, `avx2`, `avx512` or `neon`.
     pub fn name(self) -> &'static str {
-        match self.0 {
-            Instructions::Portable => "portable",
-            #[cfg(target_arch = "x86_64")]
-            Instructions::Avx2 => "avx2",
-            #[cfg(target_arch = "x86_64")]
-            Instructions::Avx512 => "avx512",
-        }
+        self.0.name
     }
 
-    /// Number of pixels in a panel.
-    pub(super) fn pixels(self) -> usize {
-        match self.0 {
-            Instructions::Portable => scalar::PIXELS,
-            #[cfg(target_arch = "x86_64")]
-            Instructions::Avx2 => avx2::PIXELS,
-            #[cfg(target_arch = "x86_64")]
-            Instructions::Avx512 => avx512::PIXELS,
-        }
+    /// Floats in a vector: channels are kept in whole vectors.
+    pub(super) fn lanes(self) -> usize {
+        self.0.lanes
     }
 
-    /// The most output channels in a block.
-    pub(super) fn channels(self) -> usize {
-        match self.0 {
-            Instructions::Portable => scalar::CHANNELS,
-            #[cfg(target_arch = "x86_64")]
-            Instructions::Avx2 => avx2::CHANNELS,
-            #[cfg(target_arch = "x86_64")]
-            Instructions::Avx512 => avx512::CHANNELS,
-        }
+    /// The most vectors of output channels that are summed at once.
+    pub(super) fn vectors(self) -> usize {
+        self.0.vectors
     }
 
-    /// Write the columns of a panel, `[channel, tap, pixel]`.
+    /// `out = relu(bias + sum over segments of left right)`.
     #[allow(unsafe_code)]
-    pub(super) fn gather(self, panel: Panel<'_>, columns: &mut [f32]) {
-        match self.0 {
-            Instructions::Portable => scalar::gather(panel, columns),
-            // SAFETY: this value exists only where the processor has these instructions.
-            #[cfg(target_arch = "x86_64")]
-            Instructions::Avx2 => unsafe { avx2::gather(panel, columns) },
-            // SAFETY: as above.
-            #[cfg(target_arch = "x86_64")]
-            Instructions::Avx512 => unsafe { avx512::gather(panel, columns) },
-        }
+    pub(super) fn sum_segments(self, product: &SegmentSum<'_>, out: &mut [f32]) {
+        multiply::check_segments(product, self.0.lanes, out);
+        // SAFETY: the slices were checked, and the processor has the instructions.
+        unsafe { (self.0.sum_segments)(product, out) }
     }
 
-    /// Ask the cache for the input that `panel` is the first to see: its lowest row.
-    pub(super) fn prefetch_panel(self, panel: Panel<'_>) {
-        let lowest = panel.first + 2 * panel.plane.pitch();
-        for channel in panel.channels {
-            self.prefetch(panel.planes, channel * panel.plane.len() + lowest);
-        }
+    /// The loops over matrices of floats.
+    pub(super) fn single(self) -> Products<f32> {
+        Products { kernel: self, loops: &self.0.products }
     }
 
-    /// Ask the cache for the values of a panel from position `from` on. Positions beyond
-    /// the end are allowed, and where there is no such instruction nothing is done.
+    /// The loops over matrices of numbers in bfloat16, where the kernel has them.
+    pub(super) fn bfloat16(self) -> Option<Products<Pair>> {
+        let loops = match self.name() {
+            "portable" => Some(&scalar::PAIR_LOOPS),
+            #[cfg(target_arch = "x86_64")]
+            "avx512" if is_x86_feature_detected!("avx512bf16") => Some(&avx512::PAIR_LOOPS),
+            _ => None,
+        };
+        Some(Products { kernel: self, loops: loops? })
+    }
+
+    /// Winograd's transform of the products of a row of tiles to pixels, through the bias
+    /// and the ReLU.
     #[allow(unsafe_code)]
-    pub(super) fn prefetch(self, values: &[f32], from: usize) {
-        #[cfg(target_arch = "x86_64")]
-        for line in (from..from + self.pixels() + LINE).step_by(LINE) {
-            use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
-            // SAFETY: a prefetch reads nothing that the program can see and may name any
-            // address.
-            unsafe { _mm_prefetch::<_MM_HINT_T0>(values.as_ptr().wrapping_add(line).cast()) };
-        }
-        #[cfg(not(target_arch = "x86_64"))]
-        let _ = (values, from);
-    }
-
-    /// Add to `sums`, `[output channel, pixel]`, the product of `weights`,
-    /// `[column, output channel]`, and `columns`, `[column, pixel]`. The number of
-    /// output channels follows from the length of `sums`.
-    #[allow(unsafe_code)]
-    pub(super) fn accumulate(self, columns: &[f32], weights: &[f32], sums: &mut [f32]) {
-        match self.0 {
-            Instructions::Portable => scalar::accumulate(columns, weights, sums),
-            // SAFETY: this value exists only where the processor has these instructions.
-            #[cfg(target_arch = "x86_64")]
-            Instructions::Avx2 => unsafe { avx2::accumulate(columns, weights, sums) },
-            // SAFETY: as above.
-            #[cfg(target_arch = "x86_64")]
-            Instructions::Avx512 => unsafe { avx512::accumulate(columns, weights, sums) },
-        }
+    pub(super) fn transform_output(self, tile: Tile, source: &ProductRow<'_>, out: &mut [f32]) {
+        winograd::check_products(source, self.0.lanes, tile.size(), out);
+        // SAFETY: the slices were checked, and the processor has the instructions.
+        unsafe { (self.0.output[tile as usize])(source, out) }
     }
 }
 
-/// Call `$function::<N>($arguments)` with `N` the number of output channels of a block.
-macro_rules! for_block {
-    ($channels:expr, $function:ident $arguments:tt, $($n:literal)*) => {
-        match $channels {
-            $($n => $function::<$n> $arguments,)*
-            channels => unreachable!("a block of {channels} channels"),
+/// Winograd's products of matrices of an element.
+#[derive(Clone, Copy)]
+pub(super) struct Products<E: 'static> {
+    kernel: Kernel,
+    loops: &'static ProductLoops<E>,
+}
+
+impl<E> Products<E> {
+    /// `out = left right` for every point.
+    #[allow(unsafe_code)]
+    pub(super) fn multiply(self, products: &PointProducts<'_, E>, out: &mut [f32]) {
+        multiply::check_points(products, self.kernel.lanes(), out);
+        // SAFETY: the slices were checked, and the processor has the instructions.
+        unsafe { (self.loops.multiply)(products, out) }
+    }
+
+    /// Winograd's transform of the input of a row of tiles.
+    #[allow(unsafe_code)]
+    pub(super) fn transform_input(self, tile: Tile, source: &TileRow<'_>, out: &mut [E]) {
+        winograd::check_tiles(source, self.kernel.lanes(), tile.size(), out);
+        // SAFETY: the slices were checked, and the processor has the instructions.
+        unsafe { (self.loops.input[tile as usize])(source, out) }
+    }
+}
+
+impl fmt::Debug for Kernel {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter.debug_tuple("Kernel").field(&self.name()).finish()
+    }
+}
+
+impl PartialEq for Kernel {
+    fn eq(&self, other: &Self) -> bool {
+        self.name() == other.name()
+    }
+}
+
+impl Eq for Kernel {}
+
+/// Run `$body` with the constant `$constant` equal to `$value`, one of the numbers.
+macro_rules! with_constant {
+    ($constant:ident = $value:expr, in [$($number:literal),*], $body:expr) => {
+        match $value {
+            $($number => {
+                const $constant: usize = $number;
+                $body
+            })*
+            other => unreachable!("{other} at once"),
         }
     };
 }
-use for_block;
+use with_constant;
+
+/// Compile the loops for a vector: `LOOPS`, by its name, the attribute that says for which
+/// instructions, and the numbers of rows and of vectors of sums that registers can hold.
+macro_rules! instantiate {
+    ($name:literal, $vector:ty, #[$($attribute:tt)*], rows $rows:tt, vectors $vectors:tt) => {
+        use super::multiply::{self, PointProducts, SegmentSum};
+        use super::winograd::{self, Four, ProductRow, TileRow, Two};
+
+        pub(super) static LOOPS: super::Loops = super::Loops {
+            name: $name,
+            lanes: <$vector as Vector>::LANES,
+            vectors: super::largest(&$vectors),
+            sum_segments,
+            products: super::ProductLoops { input: [input_two, input_four], multiply },
+            output: [output_two, output_four],
+        };
+
+        /// # Safety
+        /// The processor has the instructions, and the slices were checked.
+        #[allow(unsafe_code)]
+        #[$($attribute)*]
+        unsafe fn sum_segments(product: &SegmentSum<'_>, out: &mut [f32]) {
+            for rows in super::even_parts(product.rows, super::largest(&$rows)) {
+                let first = rows.start;
+                super::with_constant!(VECTORS = product.vectors, in $vectors, {
+                    super::with_constant!(ROWS = rows.len(), in $rows, {
+                        // SAFETY: the caller's promise.
+                        unsafe {
+                            multiply::segment_block::<$vector, ROWS, VECTORS>(product, first, out)
+                        }
+                    })
+                });
+            }
+        }
+
+        super::instantiate_products!(
+            f32, $vector, #[$($attribute)*], rows $rows, vectors $vectors,
+            multiply, input_two, input_four
+        );
+        super::instantiate_transform!(
+            output_two(ProductRow, f32), #[$($attribute)*], winograd::output::<$vector, Two, 4, 2>
+        );
+        super::instantiate_transform!(
+            output_four(ProductRow, f32), #[$($attribute)*], winograd::output::<$vector, Four, 6, 4>
+        );
+    };
+}
+use instantiate;
+
+/// Compile the loops for pairs of numbers in bfloat16: `PAIR_LOOPS`.
+macro_rules! instantiate_pairs {
+    ($vector:ty, #[$($attribute:tt)*], rows $rows:tt, vectors $vectors:tt) => {
+        pub(super) static PAIR_LOOPS: super::ProductLoops<Pair> = super::ProductLoops {
+            input: [pair_input_two, pair_input_four],
+            multiply: pair_multiply,
+        };
+
+        super::instantiate_products!(
+            Pair, $vector, #[$($attribute)*], rows $rows, vectors $vectors,
+            pair_multiply, pair_input_two, pair_input_four
+        );
+    };
+}
+use instantiate_pairs;
+
+/// Compile the products of matrices of an element, and the transforms that make their left
+/// sides.
+macro_rules! instantiate_products {
+    (
+        $element:ty, $vector:ty, #[$($attribute:tt)*], rows $rows:tt, vectors $vectors:tt,
+        $multiply:ident, $input_two:ident, $input_four:ident
+    ) => {
+        /// # Safety
+        /// The processor has the instructions, and the slices were checked.
+        #[allow(unsafe_code)]
+        #[$($attribute)*]
+        unsafe fn $multiply(products: &PointProducts<'_, $element>, out: &mut [f32]) {
+            for rows in super::even_parts(products.rows, super::largest(&$rows)) {
+                let first = rows.start;
+                super::with_constant!(VECTORS = products.vectors, in $vectors, {
+                    super::with_constant!(ROWS = rows.len(), in $rows, {
+                        // SAFETY: the caller's promise.
+                        unsafe {
+                            multiply::point_block::<$vector, $element, ROWS, VECTORS>(
+                                products, first, out,
+                            )
+                        }
+                    })
+                });
+            }
+        }
+
+        super::instantiate_transform!(
+            $input_two(TileRow, $element), #[$($attribute)*],
+            winograd::input::<$vector, $element, Two, 4, 2>
+        );
+        super::instantiate_transform!(
+            $input_four(TileRow, $element), #[$($attribute)*],
+            winograd::input::<$vector, $element, Four, 6, 4>
+        );
+    };
+}
+use instantiate_products;
+
+/// Compile a transform.
+macro_rules! instantiate_transform {
+    ($name:ident($source:ident, $out:ty), #[$($attribute:tt)*], $transform:expr) => {
+        /// # Safety
+        /// The processor has the instructions, and the slices were checked.
+        #[allow(unsafe_code)]
+        #[$($attribute)*]
+        unsafe fn $name(source: &$source<'_>, out: &mut [$out]) {
+            // SAFETY: the caller's promise.
+            unsafe { $transform(source, out) }
+        }
+    };
+}
+use instantiate_transform;
+
+/// The last of some rising numbers.
+const fn largest(numbers: &[usize]) -> usize {
+    numbers[numbers.len() - 1]
+}
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::conv::shape::Plane;
 
     fn values(count: usize, step: usize) -> Vec<f32> {
         (0..count).map(|index| ((index * step + 3) % 31) as f32 / 16.0 - 1.0).collect()
     }
 
-    /// Every size of block and several numbers of columns against a plain f64 sum.
-    fn accumulates(kernel: Kernel) {
-        let pixels = kernel.pixels();
-        for channels in 1..=kernel.channels() {
-            for depth in [1, 9, 288] {
-                let (columns, weights) = (values(depth * pixels, 7), values(depth * channels, 11));
-                let before = values(channels * pixels, 5);
-                let mut sums = before.clone();
-                kernel.accumulate(&columns, &weights, &mut sums);
-                for (at, (sum, before)) in sums.iter().zip(before).enumerate() {
-                    let (channel, pixel) = (at / pixels, at % pixels);
-                    let terms = (0..depth).map(|k| {
-                        f64::from(weights[k * channels + channel])
-                            * f64::from(columns[k * pixels + pixel])
+    fn assert_close(found: f32, expected: f64, what: &str) {
+        assert!((f64::from(found) - expected).abs() < 1e-4, "{what}: {found} {expected}");
+    }
+
+    /// Every number of rows and vectors against a plain f64 sum.
+    fn sums_segments(kernel: Kernel) {
+        for vectors in 1..=kernel.vectors() {
+            for rows in 1..20 {
+                let (width, depth, pitch) = (vectors * kernel.lanes(), 5, 7);
+                let sides: Vec<_> = (0..3).map(|side| values(rows * pitch, 11 + side)).collect();
+                let segments: Vec<&[f32]> = sides.iter().map(Vec::as_slice).collect();
+                let (right, bias) = (values(3 * depth * width, 13), values(width, 5));
+                let mut out = vec![f32::NAN; rows * width];
+                let product = SegmentSum {
+                    segments: &segments,
+                    left_pitch: pitch,
+                    rows,
+                    depth,
+                    vectors,
+                    right: &right,
+                    bias: &bias,
+                    relu: true,
+                    out_pitch: width,
+                };
+                kernel.sum_segments(&product, &mut out);
+                for (at, found) in out.iter().enumerate() {
+                    let (row, channel) = (at / width, at % width);
+                    let terms = (0..3 * depth).map(|k| {
+                        f64::from(segments[k / depth][row * pitch + k % depth])
+                            * f64::from(right[k * width + channel])
                     });
-                    let expected = f64::from(before) + terms.sum::<f64>();
-                    assert!((f64::from(*sum) - expected).abs() < 1e-4, "{sum} {expected}");
+                    let expected = f64::from(bias[channel]) + terms.sum::<f64>();
+                    assert_close(*found, expected.max(0.0), kernel.name());
                 }
             }
         }
     }
 
-    /// The columns against the definition of a plane.
-    fn gathers(kernel: Kernel) {
-        let plane = Plane { rows: 5, cols: 13 };
-        let planes = values(4 * plane.len(), 13);
-        let (pixels, pitch) = (kernel.pixels(), plane.pitch());
-        let mut columns = vec![f32::NAN; 2 * 9 * pixels];
-        let panel = Panel { planes: &planes, plane, channels: 1..3, first: 4 };
-        kernel.gather(panel, &mut columns);
-        for (at, value) in columns.iter().enumerate() {
-            let (channel, tap, pixel) = (1 + at / pixels / 9, at / pixels % 9, at % pixels);
-            let from = channel * plane.len() + 4 + pixel + tap / 3 * pitch + tap % 3;
-            assert_eq!(*value, planes[from]);
+    fn multiplies_points(kernel: Kernel) {
+        for vectors in 1..=kernel.vectors() {
+            for rows in 1..20 {
+                let (points, width, depth) = (3, vectors * kernel.lanes(), 6);
+                let left = values(points * rows * depth, 7);
+                let right = values(points * depth * width, 11);
+                let mut out = vec![f32::NAN; points * rows * width];
+                let products = PointProducts {
+                    points,
+                    rows,
+                    depth,
+                    vectors,
+                    left: &left,
+                    left_pitch: [rows * depth, depth],
+                    right: &right,
+                    out_pitch: [rows * width, width],
+                };
+                kernel.single().multiply(&products, &mut out);
+                for (at, found) in out.iter().enumerate() {
+                    let (row, channel) = (at / width, at % width);
+                    let terms = (0..depth).map(|k| {
+                        let point = row / rows;
+                        f64::from(left[row * depth + k])
+                            * f64::from(right[(point * depth + k) * width + channel])
+                    });
+                    assert_close(*found, terms.sum(), kernel.name());
+                }
+            }
+        }
+    }
+
+    /// A tile through both transforms, multiplied with one kernel of weights, is the
+    /// correlation with that kernel.
+    fn filters(kernel: Kernel, tile: Tile) {
+        let (lanes, size) = (kernel.lanes(), tile.size());
+        let (tiles, seen) = (3, size + 2);
+        let cols = tiles * size + 2;
+        let input = values(seen * cols * lanes, 17);
+        let rows: Vec<&[f32]> = input.chunks_exact(cols * lanes).collect();
+        let taps: [f32; 9] = std::array::from_fn(|tap| values(9, 5)[tap]);
+        let weights = match tile {
+            Tile::Two => weights_two(&taps).to_vec(),
+            Tile::Four => weights_four(&taps).to_vec(),
+        };
+        let pitch = [tiles * lanes, lanes];
+        let mut points = vec![f32::NAN; tile.points() * tiles * lanes];
+        let source =
+            TileRow { rows: &rows, tiles, column_pitch: lanes, vectors: 1, out_pitch: pitch };
+        kernel.single().transform_input(tile, &source, &mut points);
+        for (values, weight) in points.chunks_exact_mut(tiles * lanes).zip(weights) {
+            values.iter_mut().for_each(|value| *value *= weight);
+        }
+        let mut out = vec![f32::NAN; size * tiles * size * lanes];
+        let bias = values(lanes, 3);
+        let source = ProductRow {
+            products: &points,
+            pitch,
+            tiles,
+            vectors: 1,
+            bias: &bias,
+            relu: false,
+            out_pitch: [tiles * size * lanes, lanes],
+        };
+        kernel.transform_output(tile, &source, &mut out);
+        for (at, found) in out.iter().enumerate() {
+            let (pixel, lane) = (at / lanes, at % lanes);
+            let (row, col) = (pixel / (tiles * size), pixel % (tiles * size));
+            let terms = (0..9).map(|tap| {
+                let seen = rows[row + tap / 3][(col + tap % 3) * lanes + lane];
+                f64::from(taps[tap]) * f64::from(seen)
+            });
+            assert_close(*found, f64::from(bias[lane]) + terms.sum::<f64>(), kernel.name());
         }
     }
 
     #[test]
     fn every_kernel_does_what_it_says() {
         for kernel in Kernel::available() {
-            accumulates(kernel);
-            gathers(kernel);
+            sums_segments(kernel);
+            multiplies_points(kernel);
+            filters(kernel, Tile::Two);
+            filters(kernel, Tile::Four);
         }
         assert_eq!(Kernel::available()[0].name(), "portable");
         assert_eq!(Kernel::available().last(), Some(&Kernel::best()));
+        assert_eq!(Kernel::from_name("portable").unwrap(), Kernel::available()[0]);
+        let error = Kernel::from_name("mmx").unwrap_err().to_string();
+        assert!(error.contains("portable"), "{error}");
     }
 }
