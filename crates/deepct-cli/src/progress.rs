@@ -92,7 +92,7 @@ impl Watch for RenderProgress {
         let done = (reached.share * STEPS as f64) as u64;
         let before = self.progress.done.load(Ordering::Relaxed);
         let (samples, noise) = (reached.samples_per_pixel, 100.0 * reached.noise);
-        let text = format!("{samples:.0} light paths a pixel, noise {noise:.2} %");
+        let text = format!("{samples} light paths a pixel, noise {noise:.2} %");
         self.progress.advance_with(done.saturating_sub(before), Some(&text));
     }
 

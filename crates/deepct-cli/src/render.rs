@@ -36,9 +36,9 @@ pub(crate) struct Args {
     /// many as --noise wants]
     #[arg(long, value_name = "N")]
     samples: Option<u32>,
-    /// Go on until the standard error of each pixel is this share of its radiance, such as
-    /// 0.01; in pixels with less than half the radiance of their view's brightest, of that
-    /// half
+    /// Go on until the standard error of the bright pixels is this share of their
+    /// radiance, such as 0.01: the root mean square over all pixels that are at least half
+    /// as bright as the brightest one of their view
     #[arg(long, value_name = "SHARE")]
     noise: Option<f64>,
     /// After this many scatterings, go on without the forward peak: less noise for the same
@@ -175,11 +175,11 @@ impl Args {
             contact_sheet(name(path), &observation.images, &labels, &title)?;
         }
         if rendering.interrupted {
-            eprintln!("deepct: stopped early: the images hold {samples:.0} light paths a pixel");
+            eprintln!("deepct: stopped early: the images hold {samples} light paths a pixel");
         }
         if !global.quiet {
             let [views, rows, cols] = observation.images.shape();
-            println!("{views} views of {rows} x {cols} pixels, {samples:.0} light paths each");
+            println!("{views} views of {rows} x {cols} pixels, {samples} light paths each");
             println!("brightest  {:.5} sr-1", observation.images.brightest());
             println!("noise      {:.2} % of the mean", 100.0 * noise);
         }
@@ -214,8 +214,8 @@ struct Resolved<'a> {
     cloud: &'a Path,
     views: &'a str,
     solver: &'a str,
-    /// Light paths of each pixel that the images hold, on average.
-    samples: f64,
+    /// Light paths of each pixel that the images hold.
+    samples: u32,
     #[serde(skip_serializing_if = "Option::is_none")]
     noise: Option<f64>,
     /// Whether the user stopped before all that was asked for was done.

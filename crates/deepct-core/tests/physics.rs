@@ -295,7 +295,7 @@ fn a_wanted_noise_is_reached_and_a_stop_is_heard() {
         ..MonteCarloSettings::default()
     };
     let found = draw(&scene, &views, settings.clone());
-    assert!(found.samples_per_pixel < 10_000.0 && !found.interrupted);
+    assert!(found.samples_per_pixel < 10_000 && !found.interrupted);
     for view in 0..views.len() {
         let image = found.images.image(view);
         let brightest = image.iter().copied().fold(0.0, f32::max);

@@ -84,29 +84,38 @@ impl Waves {
             return 0.0;
         }
         let facing = (one + other).normalize();
-        let square = facing.z * facing.z;
-        let tangent_square = (1.0 - square) / square;
-        let density = (-tangent_square / self.slope_variance).exp()
-            / (PI * self.slope_variance * square * square);
+        let density = self.facing_density(facing.z);
         let seen = 1.0 / (1.0 + self.hidden(one.z) + self.hidden(other.z));
         fresnel(facing.dot(one)) * density * seen / (4.0 * one.z * other.z)
     }
 
-    /// A direction into which light that comes from `away` is mirrored, and its weight:
-    /// the reflectance times the cosine over the density of the draw. A weight of zero
-    /// is light lost.
+    /// A direction into which a mirror, drawn by its area seen from above, throws light
+    /// that comes from `away`. It may lead downwards: light that is lost.
     #[inline]
-    pub fn sample(&self, away: DVec3, rng: &mut Stream) -> (DVec3, f64) {
+    pub fn sample(&self, away: DVec3, rng: &mut Stream) -> DVec3 {
         let steepness = (-self.slope_variance * (1.0 - rng.random::<f64>()).ln()).sqrt();
         let (sine, cosine) = (2.0 * PI * rng.random::<f64>()).sin_cos();
         let facing = DVec3::new(steepness * cosine, steepness * sine, 1.0).normalize();
-        let along = facing.dot(away);
-        let other = 2.0 * along * facing - away;
-        if along <= 0.0 || other.z <= 0.0 || away.z <= 0.0 {
-            return (other, 0.0);
+        2.0 * facing.dot(away) * facing - away
+    }
+
+    /// The density (1/sr) with which [`Waves::sample`] gives `other`.
+    #[inline]
+    pub fn sample_density(&self, away: DVec3, other: DVec3) -> f64 {
+        let facing = (away + other).normalize();
+        if facing.z <= 0.0 {
+            return 0.0;
         }
-        let seen = 1.0 / (1.0 + self.hidden(away.z) + self.hidden(other.z));
-        (other, fresnel(along) * seen * along / (away.z * facing.z))
+        self.facing_density(facing.z) * facing.z / (4.0 * facing.dot(away).abs())
+    }
+
+    /// Density (1/sr) of the area of mirrors, over the area of the sea, by the cosine of
+    /// the zenith angle that they face.
+    #[inline]
+    fn facing_density(&self, cosine: f64) -> f64 {
+        let square = cosine * cosine;
+        (-(1.0 - square) / (square * self.slope_variance)).exp()
+            / (PI * self.slope_variance * square * square)
     }
 
     /// Area of mirrors that are hidden over that of those seen, at the cosine of a zenith
@@ -155,6 +164,13 @@ mod tests {
         assert!(waves.reflectance(one, other) > 0.03);
     }
 
+    /// The reflectance times the cosine over the density of a drawn direction.
+    fn weight(waves: &Waves, away: DVec3, rng: &mut Stream) -> f64 {
+        let other = waves.sample(away, rng);
+        let wanted = waves.reflectance(away, other) * other.z;
+        if wanted > 0.0 { wanted / waves.sample_density(away, other) } else { 0.0 }
+    }
+
     /// The mean weight of drawn directions is the flux reflected; so is the integral of
     /// the reflectance times the cosine, on a fine grid of directions.
     #[test]
@@ -165,7 +181,7 @@ mod tests {
             let mut rng = stream(3, Purpose::Transport, &[]);
             let (draws, mut sum, mut squares) = (200_000, 0.0, 0.0);
             for _ in 0..draws {
-                let (_, weight) = waves.sample(away, &mut rng);
+                let weight = weight(&waves, away, &mut rng);
                 sum += weight;
                 squares += weight * weight;
             }
@@ -193,7 +209,7 @@ mod tests {
         let waves = Waves::new(0.5).unwrap();
         let mut rng = stream(4, Purpose::Transport, &[]);
         let draws = 20_000;
-        let sum: f64 = (0..draws).map(|_| waves.sample(DVec3::Z, &mut rng).1).sum();
+        let sum: f64 = (0..draws).map(|_| weight(&waves, DVec3::Z, &mut rng)).sum();
         assert!((sum / f64::from(draws) / fresnel(1.0) - 1.0).abs() < 0.01);
         assert!(Waves::new(0.0).is_err() && Waves::new(f64::NAN).is_err());
     }

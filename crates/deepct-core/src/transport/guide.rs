@@ -52,6 +52,9 @@ impl Guide {
 }
 
 impl Expectation {
+    /// Outside of the medium, of which the way to the Sun may pass a thin edge.
+    pub(super) const OUTSIDE: Self = Self { sunlight: 1.0 / DIFFUSE };
+
     /// Mean number of paths that branch off towards the Sun from one that came in a
     /// direction of the given cosine to it: what two scatterings bring to the Sun, a
     /// Henyey-Greenstein function of asymmetry `g^2`, over the diffuse light.

@@ -45,8 +45,8 @@ pub struct Rendering {
     pub images: ViewStack,
     /// Standard error of each pixel, in the same unit.
     pub standard_error: ViewStack,
-    /// Mean number of light paths of a pixel.
-    pub samples_per_pixel: f64,
+    /// Number of light paths of each pixel.
+    pub samples_per_pixel: u32,
     /// Whether the watch stopped the work before it was done.
     pub interrupted: bool,
 }
@@ -56,8 +56,8 @@ pub struct Rendering {
 pub struct Progress {
     /// Share of the work that is done, in `[0, 1]`; a guess where a noise is the target.
     pub share: f64,
-    /// Mean number of light paths of a pixel so far.
-    pub samples_per_pixel: f64,
+    /// Number of light paths of each pixel so far.
+    pub samples_per_pixel: u32,
     /// Standard error over radiance, the root mean square over all bright pixels: those
     /// with at least half the radiance of the brightest one of their view.
     pub noise: f64,

@@ -29,8 +29,7 @@ pub struct MonteCarloSettings {
     /// Number of light paths of each pixel, at least 2; the most of them if a `noise` is
     /// given.
     pub samples_per_pixel: u32,
-    /// Draw each pixel until its standard error is this share of its radiance; in pixels
-    /// with less than half the radiance of their view's brightest, of that half.
+    /// Stop as soon as [`Progress::noise`] is no more than this.
     pub noise: Option<f64>,
     /// Seed of all random numbers.
     pub seed: u64,
@@ -63,24 +62,22 @@ impl MonteCarloSettings {
         }
     }
 
-    /// How many samples of a pixel to draw next, if `limit` is the standard error that
-    /// its radiance may have; none when enough are there.
-    fn next_round(&self, sums: &Sums, limit: f64) -> u32 {
-        let left = self.samples_per_pixel - sums.count;
-        if self.noise.is_none() {
+    /// How many samples of each pixel to draw next; none when enough are there.
+    fn next_round(&self, drawn: u32, noise: f64) -> u32 {
+        let left = self.samples_per_pixel - drawn;
+        let Some(wanted) = self.noise else {
             let round = self.samples_per_pixel.div_ceil(ROUNDS).max(SMALLEST_ROUND);
             // No crumb is left for the last round: its scatter tells nothing new.
             return if left < 2 * round { left } else { round };
-        }
-        if sums.count == 0 {
+        };
+        if drawn == 0 {
             return left.min(FIRST_ROUND);
         }
-        let excess = sums.radiance(1.0).standard_error / limit;
-        if excess <= 1.0 || excess.is_nan() {
+        if noise <= wanted {
             return 0;
         }
-        let missing = f64::from(sums.count) * (excess * excess - 1.0);
-        left.min((missing.ceil() as u32).clamp(SMALLEST_ROUND, sums.count))
+        let missing = f64::from(drawn) * ((noise / wanted).powi(2) - 1.0);
+        left.min((missing.ceil() as u32).clamp(SMALLEST_ROUND, drawn))
     }
 }
 
@@ -135,25 +132,12 @@ struct Film {
     pixels_per_view: usize,
 }
 
-/// A pixel and the number of samples to draw of it.
-type Order = (usize, u32);
-
 impl Film {
-    /// What to draw next. Towards a given noise a pixel is drawn until its standard error
-    /// is that share of its radiance, or of the least one that counts as bright in its view.
-    fn orders(&self, settings: &MonteCarloSettings) -> Vec<Order> {
-        let noise = settings.noise.unwrap_or(0.0);
-        let views = self.sums.chunks(self.pixels_per_view).enumerate();
-        views
-            .flat_map(|(view, sums)| {
-                let bright = BRIGHT * brightest(sums);
-                sums.iter().enumerate().map(move |(pixel, sums)| {
-                    let limit = noise * sums.mean().max(bright);
-                    (view * self.pixels_per_view + pixel, settings.next_round(sums, limit))
-                })
-            })
-            .filter(|(_, count)| *count > 0)
-            .collect()
+    /// How many samples of each pixel to draw next. All pixels get as many: one that stops
+    /// when its own samples agree stops before it has met its rare bright ones, and stays
+    /// too dark.
+    fn next_round(&self, settings: &MonteCarloSettings) -> u32 {
+        settings.next_round(self.sums[0].count, self.noise())
     }
 
     /// See [`Progress::noise`].
@@ -170,16 +154,10 @@ impl Film {
         if count > 0.0 { f64::sqrt(squares / count) } else { 0.0 }
     }
 
-    /// Mean number of samples of a pixel.
-    fn samples_per_pixel(&self) -> f64 {
-        let samples: f64 = self.sums.iter().map(|sums| f64::from(sums.count)).sum();
-        samples / self.sums.len() as f64
-    }
-
     /// How far the work is.
     fn progress(&self, settings: &MonteCarloSettings) -> Progress {
-        let (noise, samples_per_pixel) = (self.noise(), self.samples_per_pixel());
-        let by_number = samples_per_pixel / f64::from(settings.samples_per_pixel);
+        let (noise, samples_per_pixel) = (self.noise(), self.sums[0].count);
+        let by_number = f64::from(samples_per_pixel) / f64::from(settings.samples_per_pixel);
         let by_noise = settings.noise.map_or(0.0, |wanted| (wanted / noise).powi(2).min(1.0));
         Progress { share: by_number.max(by_noise), samples_per_pixel, noise }
     }
@@ -203,9 +181,9 @@ pub(super) fn render(
     let pixels_per_view = rows * cols;
     let mut film =
         Film { sums: vec![Sums::default(); views.len() * pixels_per_view], pixels_per_view };
-    let (mut orders, mut round, mut interrupted) = (film.orders(settings), 0, false);
-    while !orders.is_empty() && !interrupted {
-        let draw = |&(pixel, count): &Order| {
+    let (mut count, mut round, mut interrupted) = (film.next_round(settings), 0, false);
+    while count > 0 && !interrupted {
+        let draw = |pixel: usize| {
             if round > 0 && watch.interrupted() {
                 return None;
             }
@@ -219,15 +197,16 @@ pub(super) fn render(
             }))
         };
         // A round that was stopped is dropped: its pixels would not be equally well known.
-        let Some(drawn) = orders.par_iter().map(draw).collect::<Option<Vec<_>>>() else {
+        let pixels = (0..film.sums.len()).into_par_iter();
+        let Some(drawn) = pixels.map(draw).collect::<Option<Vec<_>>>() else {
             interrupted = true;
             break;
         };
-        orders.iter().zip(drawn).for_each(|(order, drawn)| film.sums[order.0].add(drawn));
+        film.sums.iter_mut().zip(drawn).for_each(|(sums, drawn)| sums.add(drawn));
         watch.reached(&film.progress(settings));
-        orders = film.orders(settings);
+        count = film.next_round(settings);
         round += 1;
-        interrupted = watch.interrupted() && !orders.is_empty();
+        interrupted = watch.interrupted() && count > 0;
     }
     let irradiance = scene.sun.irradiance;
     let stack = |value: fn(Radiance) -> f64| {
@@ -238,7 +217,7 @@ pub(super) fn render(
     Ok(Rendering {
         images: stack(|radiance| radiance.mean)?,
         standard_error: stack(|radiance| radiance.standard_error)?,
-        samples_per_pixel: film.samples_per_pixel(),
+        samples_per_pixel: film.sums[0].count,
         interrupted,
     })
 }

@@ -2,13 +2,14 @@
 
 use super::air_column::AirColumn;
 use super::field::{Field, Heading};
-use super::guide::Guide;
+use super::guide::{Expectation, Guide};
 use super::peak::{Stage, stages};
 use crate::error::Result;
 use crate::math::{DVec3, Ray};
 use crate::optics::{Collision, Scattering};
 use crate::rng::{RngExt, Stream};
 use crate::scene::{Scene, Surface};
+use std::f64::consts::PI;
 
 /// Paths of less throughput than this live on by chance.
 pub(super) const ROULETTE: f64 = 0.3;
@@ -16,6 +17,8 @@ pub(super) const ROULETTE: f64 = 0.3;
 const FAINT: f64 = 0.01;
 /// The same at a molecule or the surface, of which a path meets few.
 const FAINTER: f64 = 1e-4;
+/// Mean number of branches towards the Sun at a molecule or the surface.
+const BRANCHES_OUTSIDE: f64 = 0.5;
 
 /// Everything that a path needs to know of the scene.
 #[derive(Debug)]
@@ -155,28 +158,35 @@ impl Tracer {
         let throughput = path.throughput * collision.single_scattering_albedo;
         let cosine = direction.dot(self.sun.direction);
         let weight = throughput * collision.density(cosine);
-        let (asymmetry, faint) = match path.meets {
-            Meets::Droplet => (self.stage(scatterings).asymmetry, FAINT),
-            Meets::Molecule => (0.0, FAINTER),
-        };
+        let faint = if path.meets == Meets::Droplet { FAINT } else { FAINTER };
         let mut radiance = self.sunlight(&path, weight, faint, rng);
 
         // Light of all other directions: some of them are drawn around the Sun. Each
         // direction counts by its chance to be drawn in either way (Veach 1997,
         // section 9.2), so that none counts much.
-        let extinction = self.stage(scatterings + 1).extinction;
-        let expected = self.guide.expect(&self.field, at, extinction, asymmetry);
-        let share = if asymmetry == 0.0 { 0.0 } else { expected.branches(asymmetry, cosine) };
+        let stage = self.stage(scatterings);
+        let (expected, share, lobe) = match path.meets {
+            Meets::Droplet => {
+                let extinction = self.stage(scatterings + 1).extinction;
+                let expected = self.guide.expect(&self.field, at, extinction, stage.asymmetry);
+                (expected, expected.branches(stage.asymmetry, cosine), collision)
+            }
+            Meets::Molecule => (Expectation::OUTSIDE, BRANCHES_OUTSIDE, stage.anywhere()),
+        };
+        let share = if stage.asymmetry == 0.0 { 0.0 } else { share };
         let branches = (share + rng.random::<f64>()) as u32;
         for branch in 0..=branches {
-            let around = if branch == 0 { direction } else { self.sun.direction };
-            let turned = turn(around, collision.sample(rng.random()), rng);
+            let turned = if branch == 0 {
+                turn(direction, collision.sample(rng.random()), rng)
+            } else {
+                turn(self.sun.direction, lobe.sample(rng.random()), rng)
+            };
             let mut path =
                 Path { direction: turned, throughput, scatterings: scatterings + 1, ..path };
             let mut importance = 1.0;
             if share > 0.0 {
                 let wanted = collision.density(turned.dot(direction));
-                let towards_sun = collision.density(turned.dot(self.sun.direction));
+                let towards_sun = lobe.density(turned.dot(self.sun.direction));
                 path.throughput *= wanted / (wanted + share * towards_sun);
                 importance = expected.importance(towards_sun);
             }
@@ -216,18 +226,36 @@ impl Tracer {
         let (sun, away) = (self.sun.direction, -path.direction);
         let weight = path.throughput * self.surface.reflectance(away, sun) * sun.z;
         let mut radiance = self.sunlight(&path, weight, FAINTER, rng);
-        let mut scattered = [(DVec3::Z, self.surface.albedo), (DVec3::Z, 0.0)];
-        if self.surface.albedo > 0.0 {
-            scattered[0].0 = turn(DVec3::Z, rng.random::<f64>().sqrt(), rng);
-        }
-        if let Some(waves) = self.surface.waves {
-            scattered[1] = waves.sample(away, rng);
-        }
-        for (direction, share) in scattered {
-            let mut path = Path { direction, throughput: path.throughput * share, ..path };
-            if path.throughput > 0.0 && survives(&mut path.throughput, ROULETTE, rng) {
+        // All other light, as at a collision: of directions that the surface favours, and of
+        // some around the Sun, as a cloud may be on the way there.
+        let stage = self.stage(path.scatterings);
+        let (lobe, waves) = (stage.anywhere(), self.surface.waves);
+        let share = if stage.asymmetry == 0.0 { 0.0 } else { BRANCHES_OUTSIDE };
+        let lambertian = f64::from(self.surface.albedo > 0.0);
+        let mut go_on = |direction: DVec3, rng: &mut Stream| {
+            let reflectance = self.surface.reflectance(away, direction) * direction.z;
+            if direction.z <= 0.0 || reflectance <= 0.0 {
+                return;
+            }
+            let towards_sun = lobe.density(direction.dot(sun));
+            let drawn = lambertian * direction.z / PI
+                + waves.map_or(0.0, |waves| waves.sample_density(away, direction))
+                + share * towards_sun;
+            let throughput = path.throughput * reflectance / drawn;
+            let mut path = Path { direction, throughput, ..path };
+            let least = ROULETTE / Expectation::OUTSIDE.importance(share.ceil() * towards_sun);
+            if survives(&mut path.throughput, least, rng) {
                 radiance += self.fly(path, paths, rng);
             }
+        };
+        if lambertian > 0.0 {
+            go_on(turn(DVec3::Z, rng.random::<f64>().sqrt(), rng), rng);
+        }
+        if let Some(waves) = waves {
+            go_on(waves.sample(away, rng), rng);
+        }
+        if rng.random::<f64>() < share {
+            go_on(turn(sun, lobe.sample(rng.random()), rng), rng);
         }
         radiance
     }

@@ -7,7 +7,7 @@
 //! that has scattered more often bears more of it (Iwabuchi 2006).
 
 use crate::error::Result;
-use crate::optics::{DropletOptics, DropletTable, PhaseFunction, Scattering};
+use crate::optics::{Collision, DropletOptics, DropletTable, PhaseFunction, Scattering};
 use std::f64::consts::PI;
 use std::sync::Arc;
 
@@ -28,19 +28,29 @@ pub(super) struct Stage {
     pub(super) scattering: Scattering,
     /// Mean cosine of the scattering angle; the least one of droplets of all sizes.
     pub(super) asymmetry: f64,
+    /// A phase function with the peak of those of the medium.
+    peak: PhaseFunction,
 }
 
 impl Stage {
     fn new(extinction: f64, scattering: Scattering) -> Self {
-        let asymmetry = match &scattering {
-            Scattering::Uniform { phase_function, .. } => phase_function.asymmetry(),
-            Scattering::Droplets { table, .. } => table
-                .nodes()
-                .iter()
-                .map(|node| node.phase_function.asymmetry())
-                .fold(f64::INFINITY, f64::min),
+        let (asymmetry, peak) = match &scattering {
+            Scattering::Uniform { phase_function, .. } => {
+                (phase_function.asymmetry(), phase_function.clone())
+            }
+            Scattering::Droplets { table, .. } => {
+                let phases = || table.nodes().iter().map(|node| &node.phase_function);
+                let least = phases().map(PhaseFunction::asymmetry).fold(f64::INFINITY, f64::min);
+                (least, phases().nth(table.nodes().len() / 2).expect("a node").clone())
+            }
         };
-        Self { extinction, scattering, asymmetry: asymmetry.max(0.0) }
+        Self { extinction, scattering, asymmetry: asymmetry.max(0.0), peak }
+    }
+
+    /// A collision somewhere in the medium.
+    pub(super) fn anywhere(&self) -> Collision<'_> {
+        let phase_functions = [&self.peak; 2];
+        Collision { single_scattering_albedo: 1.0, phase_functions, share: 0.0 }
     }
 }
 
