@@ -44,13 +44,10 @@ struct Packed {
 }
 
 /// Winograd's filtering with weights of some element.
-#[derive(Clone, Copy)]
 struct Filter<'a, E: 'static> {
     tile: Tile,
     products: Products<E>,
     weights: &'a [E],
-    /// Input channels that an element holds.
-    channels: usize,
 }
 
 /// Tiles of a row that are computed together.
@@ -218,13 +215,13 @@ impl Conv2d {
             (None, _) => self.direct(input, output),
             (Some(tile), Precision::Single) => {
                 let products = self.kernel.single();
-                let filter = Filter { tile, products, weights: self.points(tile), channels: 1 };
+                let filter = Filter { tile, products, weights: self.points(tile) };
                 self.winograd(&filter, input, output, scratch);
             }
             (Some(tile), Precision::Bfloat16) => {
                 let products = self.kernel.bfloat16().expect("the stack has asked the kernel");
                 let weights = self.point_pairs(tile);
-                let filter = Filter { tile, products, weights, channels: 2 };
+                let filter = Filter { tile, products, weights };
                 self.winograd(&filter, input, output, scratch);
             }
         }
@@ -326,7 +323,8 @@ impl Conv2d {
         output: &mut [f32],
         scratch: &mut [f32],
     ) {
-        let Filter { tile, products: loops, mut weights, channels } = *filter;
+        let Filter { tile, products: ref loops, mut weights } = *filter;
+        let channels = loops.channels();
         let (lanes, in_pitch, out_pitch) =
             (self.kernel.lanes(), self.input_pitch(), self.output_pitch());
         let left_pitch = [tiles * in_pitch / channels + POINT_GAP, in_pitch / channels];

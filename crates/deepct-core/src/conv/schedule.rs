@@ -1,25 +1,30 @@
 //! In which order the bands of all layers are computed, and by which thread.
 //!
 //! A task is a band of a layer. It reads three bands of the layer before and writes one.
-//! Small images are run layer by layer: two sets of bands are enough, and both stay in the
-//! cache. Large ones are run as a wave: each layer follows two bands behind the one before
-//! it, so four bands of each layer are all that memory has to hold, however long the image.
+//! Tasks come in blocks of some bands; a block of one layer follows that of the layer before,
+//! one band behind it, through all layers, and then comes the next block:
+//!
+//! ```text
+//! bands        0 1 2 3 4 5 6 7 8
+//! layer 0      a a a a b b b b c        a, then b, then c; within each layer 0, 1, 2
+//! layer 1      a a a b b b b c c
+//! layer 2      a a b b b b c c c
+//! ```
+//!
+//! What a block writes is read at once by the next layer, out of the cache. Only its last two
+//! bands are wanted again, by the block below: memory holds four such edges for each layer,
+//! however long the image, and two layers of one block. A small image is a single block.
 //!
 //! Threads share one list of tasks. Each takes a task that nobody has, from its own part of
-//! the step first so that it finds in its cache what it wrote there, and waits until the
+//! the block first so that it finds in its cache what it wrote there, and waits until the
 //! tasks that it depends on are done. Those come earlier in the list, so they were taken by
 //! threads that run; a thread that never comes is never waited for.
 
 use std::ops::Range;
 use std::sync::atomic::{AtomicU8, Ordering};
 
-/// Bands that a layer is behind the one before it in a wave. With two, all tasks of a step
-/// are independent.
-const LAG: usize = 2;
-
-/// Bands of a layer that a wave needs at a time: one being written, and the last one that
-/// the next layer still reads is three behind it.
-const KEPT: usize = LAG + 2;
+/// Bands at the end of a block that the block below it reads.
+const EDGE: usize = 2;
 
 const FREE: u8 = 0;
 const TAKEN: u8 = 1;
@@ -31,7 +36,8 @@ const DONE: u8 = 2;
 pub(super) struct Order {
     layers: usize,
     bands: usize,
-    wave: bool,
+    /// Bands of a block.
+    block: usize,
 }
 
 /// A band of a layer.
@@ -42,9 +48,14 @@ pub(super) struct Task {
 }
 
 impl Order {
-    /// Layer by layer, or as a wave.
-    pub(super) fn new(layers: usize, bands: usize, wave: bool) -> Self {
-        Self { layers, bands, wave }
+    /// Layer by layer.
+    pub(super) fn whole(layers: usize, bands: usize) -> Self {
+        Self::in_blocks(layers, bands, bands + layers + EDGE)
+    }
+
+    /// In blocks of some bands, more than two.
+    pub(super) fn in_blocks(layers: usize, bands: usize, block: usize) -> Self {
+        Self { layers, bands, block }
     }
 
     /// Number of tasks, done and to do.
@@ -57,54 +68,103 @@ impl Order {
         self.bands
     }
 
+    /// Number of blocks.
+    fn blocks(self) -> usize {
+        (self.bands + self.layers - 1).div_ceil(self.block)
+    }
+
+    /// Bands of a layer that are kept while a block is computed. As many as the block has,
+    /// though its edge lies elsewhere: a slot is free two bands before it is written.
+    fn passing(self) -> usize {
+        self.block.min(self.bands)
+    }
+
     /// Number of bands that must be kept.
     pub(super) fn slots(self) -> usize {
-        if self.wave { (self.layers - 1) * KEPT } else { 2 * self.bands }
+        let reaches_edge = self.bands + self.layers + EDGE > self.block + 1;
+        let edges = if reaches_edge { 2 * EDGE * (self.layers - 1) } else { 0 };
+        2 * self.passing() + edges
+    }
+
+    /// The block of a task, and its place in the block.
+    fn place(self, Task { layer, band }: Task) -> (usize, usize) {
+        ((band + layer) / self.block, (band + layer) % self.block)
+    }
+
+    /// Which band of the edge of its block a task is, if it is one.
+    fn edge(self, task: Task) -> Option<usize> {
+        (self.place(task).1 + EDGE).checked_sub(self.block)
     }
 
     /// Where the band of a task is kept.
-    pub(super) fn slot(self, Task { layer, band }: Task) -> usize {
-        if self.wave { layer * KEPT + band % KEPT } else { layer % 2 * self.bands + band }
+    pub(super) fn slot(self, task: Task) -> usize {
+        let Task { layer, band } = task;
+        match self.edge(task) {
+            None => layer % 2 * self.passing() + band % self.passing(),
+            Some(edge) => {
+                let side = 2 * layer + self.place(task).0 % 2;
+                2 * self.passing() + EDGE * side + edge
+            }
+        }
     }
 
-    /// Number of steps.
-    fn steps(self) -> usize {
-        if self.wave { self.bands + LAG * (self.layers - 1) } else { self.layers }
+    /// The bands of a layer in a block.
+    fn range(self, block: usize, layer: usize) -> Range<usize> {
+        let at = |block: usize| (block * self.block).saturating_sub(layer).min(self.bands);
+        at(block)..at(block + 1)
     }
 
-    /// Number of tasks of a step; some may be of no band.
-    fn width(self) -> usize {
-        if self.wave { self.layers } else { self.bands }
+    /// The task whose band a task overwrites.
+    fn overwritten(self, task: Task) -> Option<Task> {
+        let Task { layer, band } = task;
+        let (block, _) = self.place(task);
+        if self.edge(task).is_some() {
+            return Some(Task { layer, band: band.checked_sub(2 * self.block)? });
+        }
+        // Back through the list, over the layers that share the slots of this one.
+        let kept = self.layers - 1;
+        let same_block = (0..layer).rev().skip(1).step_by(2).map(|layer| (block, layer));
+        let earlier = (0..block).rev().flat_map(move |block| {
+            let layers = (0..kept).rev().filter(move |other| other % 2 == layer % 2);
+            layers.map(move |layer| (block, layer))
+        });
+        same_block.chain(earlier).find_map(|(block, layer)| {
+            let range = self.range(block, layer);
+            let ahead = band + self.passing() - range.start % self.passing();
+            let other = Task { layer, band: range.start + ahead % self.passing() };
+            let there = range.contains(&other.band) && self.edge(other).is_none();
+            there.then_some(other)
+        })
     }
 
-    /// A task of a step.
-    fn task(self, step: usize, index: usize) -> Option<Task> {
-        let task = if self.wave {
-            Task { layer: index, band: step.checked_sub(LAG * index)? }
-        } else {
-            Task { layer: step, band: index }
-        };
-        (task.band < self.bands).then_some(task)
+    /// The tasks of a layer next to a band: those that read it, or that it reads.
+    fn neighbours(self, layer: usize, band: usize) -> impl Iterator<Item = Task> {
+        let near = band.saturating_sub(1)..(band + 2).min(self.bands);
+        near.map(move |band| Task { layer, band })
     }
 
-    /// The tasks that must be done before: those that are read, and the last one that reads
-    /// what is overwritten.
-    fn before(self, Task { layer, band }: Task) -> impl Iterator<Item = Task> {
-        let read = band.saturating_sub(1)..(band + 2).min(self.bands);
-        let read = read.filter_map(move |band| Some(Task { layer: layer.checked_sub(1)?, band }));
-        let overwritten = (self.wave && band + 1 >= KEPT && layer + 1 < self.layers)
-            .then(|| Task { layer: layer + 1, band: band + 1 - KEPT });
-        read.chain(overwritten)
+    /// The tasks that must be done before: those that are read, and those that read what is
+    /// overwritten.
+    fn before(self, task: Task) -> impl Iterator<Item = Task> {
+        let Task { layer, band } = task;
+        let read = layer.checked_sub(1).map(|layer| self.neighbours(layer, band));
+        let overwritten = if layer + 1 < self.layers { self.overwritten(task) } else { None };
+        let readers = overwritten.map(|other| self.neighbours(other.layer + 1, other.band));
+        read.into_iter().flatten().chain(readers.into_iter().flatten())
     }
 
     /// Do tasks until none are left that nobody has taken. `states` has a value for each
     /// task, all zero at first.
     pub(super) fn work(self, states: &[AtomicU8], part: Part, mut run: impl FnMut(Task)) {
         let state = |Task { layer, band }: Task| &states[layer * self.bands + band];
-        let own = part.of(self.width());
-        for step in 0..self.steps() {
-            let others = (0..self.width()).rev().filter(|index| !own.contains(index));
-            for task in own.clone().chain(others).filter_map(|index| self.task(step, index)) {
+        for (block, layer) in (0..self.blocks()).flat_map(|b| (0..self.layers).map(move |l| (b, l)))
+        {
+            let all = self.range(block, layer);
+            // The parts of a block are too short to be fixed: its bands go to whoever is free.
+            let own = if self.blocks() > 1 { all.clone() } else { part.of(&all) };
+            let others = all.rev().filter(|band| !own.contains(band));
+            for band in own.clone().chain(others) {
+                let task = Task { layer, band };
                 let taken =
                     state(task).compare_exchange(FREE, TAKEN, Ordering::Relaxed, Ordering::Relaxed);
                 if taken.is_err() {
@@ -126,8 +186,9 @@ pub(super) struct Part {
 }
 
 impl Part {
-    fn of(self, count: usize) -> Range<usize> {
-        self.number * count / self.of..(self.number + 1) * count / self.of
+    fn of(self, all: &Range<usize>) -> Range<usize> {
+        let at = |number: usize| all.start + number * all.len() / self.of;
+        at(self.number)..at(self.number + 1)
     }
 }
 
@@ -140,5 +201,47 @@ fn wait_until_done(state: &AtomicU8) {
             std::thread::yield_now();
         }
         std::hint::spin_loop();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Run an order one task at a time and look at what each finds in memory.
+    fn follow(order: Order) {
+        let Order { layers, bands, .. } = order;
+        let mut slots: Vec<Option<Task>> = vec![None; order.slots()];
+        let mut done = Vec::new();
+        let states: Vec<AtomicU8> = (0..order.tasks()).map(|_| AtomicU8::new(FREE)).collect();
+        order.work(&states, Part { number: 0, of: 1 }, |task| {
+            for read in task
+                .layer
+                .checked_sub(1)
+                .into_iter()
+                .flat_map(|layer| order.neighbours(layer, task.band))
+            {
+                assert_eq!(slots[order.slot(read)], Some(read), "{order:?} {task:?}");
+            }
+            assert!(order.before(task).all(|task| done.contains(&task)), "{order:?} {task:?}");
+            if task.layer + 1 < layers {
+                let before = slots[order.slot(task)].replace(task);
+                assert_eq!(before, order.overwritten(task), "{order:?} {task:?}");
+            }
+            done.push(task);
+        });
+        assert_eq!(done.len(), layers * bands);
+    }
+
+    #[test]
+    fn every_task_finds_what_it_reads_and_knows_what_it_overwrites() {
+        for layers in 2..7 {
+            for bands in 1..20 {
+                follow(Order::whole(layers, bands));
+                for block in 3..9 {
+                    follow(Order::in_blocks(layers, bands, block));
+                }
+            }
+        }
     }
 }

@@ -47,6 +47,8 @@ struct Loops {
 
 /// Winograd's loops over matrices of an element.
 pub(super) struct ProductLoops<E: 'static> {
+    /// Channels that an element holds.
+    channels: usize,
     input: [unsafe fn(&TileRow<'_>, &mut [E]); 2],
     multiply: unsafe fn(&PointProducts<'_, E>, &mut [f32]),
 }
@@ -165,16 +167,20 @@ impl Kernel {
 }
 
 /// Winograd's products of matrices of an element.
-#[derive(Clone, Copy)]
 pub(super) struct Products<E: 'static> {
     kernel: Kernel,
     loops: &'static ProductLoops<E>,
 }
 
 impl<E> Products<E> {
+    /// Channels that an element holds.
+    pub(super) fn channels(&self) -> usize {
+        self.loops.channels
+    }
+
     /// `out = left right` for every point.
     #[allow(unsafe_code)]
-    pub(super) fn multiply(self, products: &PointProducts<'_, E>, out: &mut [f32]) {
+    pub(super) fn multiply(&self, products: &PointProducts<'_, E>, out: &mut [f32]) {
         multiply::check_points(products, self.kernel.lanes(), out);
         // SAFETY: the slices were checked, and the processor has the instructions.
         unsafe { (self.loops.multiply)(products, out) }
@@ -182,8 +188,8 @@ impl<E> Products<E> {
 
     /// Winograd's transform of the input of a row of tiles.
     #[allow(unsafe_code)]
-    pub(super) fn transform_input(self, tile: Tile, source: &TileRow<'_>, out: &mut [E]) {
-        winograd::check_tiles(source, self.kernel.lanes(), tile.size(), out);
+    pub(super) fn transform_input(&self, tile: Tile, source: &TileRow<'_>, out: &mut [E]) {
+        winograd::check_tiles(source, self.kernel.lanes(), tile.size(), (out, self.channels()));
         // SAFETY: the slices were checked, and the processor has the instructions.
         unsafe { (self.loops.input[tile as usize])(source, out) }
     }
@@ -229,7 +235,11 @@ macro_rules! instantiate {
             lanes: <$vector as Vector>::LANES,
             vectors: super::largest(&$vectors),
             sum_segments,
-            products: super::ProductLoops { input: [input_two, input_four], multiply },
+            products: super::ProductLoops {
+                channels: 1,
+                input: [input_two, input_four],
+                multiply,
+            },
             output: [output_two, output_four],
         };
 
@@ -269,6 +279,7 @@ use instantiate;
 macro_rules! instantiate_pairs {
     ($vector:ty, #[$($attribute:tt)*], rows $rows:tt, vectors $vectors:tt) => {
         pub(super) static PAIR_LOOPS: super::ProductLoops<Pair> = super::ProductLoops {
+            channels: 2,
             input: [pair_input_two, pair_input_four],
             multiply: pair_multiply,
         };

@@ -248,8 +248,13 @@ pub(super) unsafe fn output<V, F, const IN: usize, const OUT: usize>(
     }
 }
 
-/// Whether the slices are as long as the numbers say.
-pub(super) fn check_tiles<E>(source: &TileRow<'_>, lanes: usize, out_size: usize, out: &[E]) {
+/// Whether the slices are as long as the numbers say, the output in elements of some channels.
+pub(super) fn check_tiles<E>(
+    source: &TileRow<'_>,
+    lanes: usize,
+    out_size: usize,
+    (out, channels): (&[E], usize),
+) {
     let in_size = out_size + 2;
     let TileRow { rows, tiles, column_pitch, vectors, out_pitch } = *source;
     assert!(tiles > 0 && rows.len() == in_size);
@@ -257,7 +262,7 @@ pub(super) fn check_tiles<E>(source: &TileRow<'_>, lanes: usize, out_size: usize
     let needed = (columns - 1) * column_pitch + vectors * lanes;
     assert!(rows.iter().all(|row| row.len() >= needed));
     let last = (in_size * in_size - 1) * out_pitch[0] + (tiles - 1) * out_pitch[1];
-    assert!(out.len() >= last + vectors * lanes);
+    assert!(out.len() >= last + vectors * lanes / channels);
 }
 
 /// Whether the slices are as long as the numbers say.
