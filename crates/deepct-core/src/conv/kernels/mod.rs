@@ -1,7 +1,7 @@
 //! The inner loops, one file for each set of instructions, and the only place of the
 //! convolution that is `unsafe`.
 //!
-//! The loops are written once, over [`vector::Vector`]: products in `multiply`, Winograd's
+//! The loops are written once, over `vector::Vector`: products in `multiply`, Winograd's
 //! transforms in `winograd`. A file for a set of instructions says what a vector is and
 //! how many rows and vectors of sums its registers hold; `instantiate!` compiles the loops
 //! for it. The portable kernel is plain Rust and the twin that the others are tested
