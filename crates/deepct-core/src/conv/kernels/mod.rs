@@ -24,7 +24,7 @@ pub(super) use planes::SharedPlanes;
 pub(super) use vector::{Pair, pair};
 pub(super) use winograd::{ProductRow, TileRow, weights_four, weights_two};
 
-use super::shape::even_parts;
+use crate::conv::shape::even_parts;
 use crate::error::{Error, Result};
 use std::fmt;
 
