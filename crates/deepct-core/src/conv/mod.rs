@@ -17,11 +17,13 @@ pub mod kernels;
 mod lane;
 mod layer;
 mod schedule;
+mod settings;
 mod shape;
 mod stack;
 
 pub use algorithm::{Algorithm, Precision};
 pub use kernels::Kernel;
 pub use layer::Conv2d;
+pub use settings::{Scales, Settings};
 pub use shape::Conv2dShape;
-pub use stack::{Scales, Scratch, Settings, Stack};
+pub use stack::{Scratch, Stack};
