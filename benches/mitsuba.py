@@ -48,9 +48,10 @@ def main() -> None:
     parser.add_argument("--threads", type=int, default=2, help="threads of each side")
     arguments = parser.parse_args()
     python = VENV / "bin" / "python"
-    if Path(sys.prefix).resolve() != VENV.resolve():
+    if not sys.flags.isolated:
         install(python)
-        os.execv(python, [str(python), __file__, *sys.argv[1:]])
+        # Isolated, as this file would be taken for the package of its name otherwise.
+        os.execv(python, [str(python), "-I", __file__, *sys.argv[1:]])
     timer = build_timer()
     rows = []
     for asymmetry in ASYMMETRIES:
