@@ -1,7 +1,7 @@
 //! Optical depths and free paths along the rays through a field.
 
 use super::walk::Segment;
-use super::{Field, Heading};
+use super::{Field, Heading, floor};
 use crate::math::DVec3;
 use rayon::prelude::*;
 
@@ -99,7 +99,7 @@ impl CellRay {
         };
         let corners = std::array::from_fn(corner);
         let middle = segment.origin + 0.5 * (segment.enter + segment.exit) * heading.local;
-        let start = segment.origin + segment.enter * heading.local - middle.floor();
+        let start = segment.origin + segment.enter * heading.local - floor(middle).as_dvec3();
         Self { corners, start, direction: heading.local }
     }
 

@@ -18,6 +18,8 @@ use crate::grid::Grid;
 use crate::math::DVec3;
 use crate::optics::{Interpolation, Medium};
 use crate::scene::Boundary;
+use glam::IVec3;
+
 /// Mark of the cells around the field.
 const OUTSIDE: f32 = 0.0;
 
@@ -149,7 +151,7 @@ impl Field {
     /// The grid's voxel `[z, y, x]` that holds a point of the field's coordinates.
     #[inline]
     pub(super) fn voxel(&self, local: DVec3) -> [usize; 3] {
-        let index = (local + self.corner).floor().as_ivec3().to_array();
+        let index = floor(local + self.corner).to_array();
         let inside = |axis: usize| self.inside(axis, index[axis], self.voxels[axis]) as usize;
         [inside(2), inside(1), inside(0)]
     }
@@ -163,7 +165,7 @@ impl Field {
     /// The cell that holds a point of the field's coordinates, or the nearest one.
     #[inline]
     pub(super) fn cell_at(&self, local: DVec3) -> usize {
-        let index = local.floor().as_ivec3().to_array();
+        let index = floor(local).to_array();
         let inside = |axis: usize| self.inside(axis, index[axis], self.cells[axis]);
         self.cell([inside(0), inside(1), inside(2)]) as usize
     }
@@ -172,6 +174,15 @@ impl Field {
     fn cell(&self, index: [i32; 3]) -> i32 {
         (index[0] + 1) + (index[1] + 1) * self.stride[1] + (index[2] + 1) * self.stride[2]
     }
+}
+
+/// The largest integers that are not above the components: without a call of the mathematics
+/// library, which `f64::floor` is on processors that are only known to have SSE2.
+#[inline]
+fn floor(v: DVec3) -> IVec3 {
+    let whole = v.as_ivec3();
+    let below = |axis: usize| whole[axis] - i32::from(f64::from(whole[axis]) > v[axis]);
+    IVec3::new(below(0), below(1), below(2))
 }
 
 /// Number of cells along x, y, z of a grid.

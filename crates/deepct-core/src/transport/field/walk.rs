@@ -1,6 +1,6 @@
 //! The walk of a ray through the cells of a field.
 
-use super::{Field, OUTSIDE};
+use super::{Field, OUTSIDE, floor};
 use crate::math::DVec3;
 
 /// Number of periods after which a ray that stays between top and bottom is given up.
@@ -64,7 +64,7 @@ impl Field {
         let Some(mut at) = self.enter(&mut origin, heading) else {
             return false;
         };
-        let start = (origin + at * heading.local).floor().as_ivec3().to_array();
+        let start = floor(origin + at * heading.local).to_array();
         let mut index = [0; 3];
         for axis in 0..3 {
             // On a face, or off by a rounding error: the cell that the ray goes into.
@@ -161,11 +161,11 @@ impl Field {
         }
         let axis = least(exits);
         let at = exits[axis];
-        let position = origin + at * heading.local;
+        let position = floor(origin + at * heading.local);
         let mut index = [0; 3];
         for other in 0..3 {
-            let inside = (position[other].floor() as i32)
-                .clamp(center[other] - (reach - 1), center[other] + (reach - 1));
+            let inside =
+                position[other].clamp(center[other] - (reach - 1), center[other] + (reach - 1));
             index[other] = inside.clamp(0, self.cells[other] - 1);
             // Outside in an axis that is not the last one: a rounding error at an edge.
             if inside != index[other] && other != axis && !(self.periodic && other < 2) {
