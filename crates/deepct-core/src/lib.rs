@@ -6,6 +6,7 @@
 //! ```text
 //! cloud -> optics -> scene -> transport -> sensor -> images
 //! images -> carve -> mask;  images + network -> extinction
+//! images + mask + transport -> inversion -> extinction
 //! truth + extinction -> metrics, plot
 //! ```
 //!
@@ -49,6 +50,7 @@ pub mod dataset;
 pub mod error;
 pub mod grid;
 pub mod image;
+pub mod inversion;
 pub mod io;
 pub mod math;
 pub mod metrics;

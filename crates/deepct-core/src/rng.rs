@@ -22,6 +22,8 @@ pub enum Purpose {
     Sensor = 3,
     /// The choice of samples in a data set.
     Dataset = 4,
+    /// The sensitivity to each voxel in an inversion.
+    Inversion = 5,
 }
 
 /// The stream of `seed` for `purpose` and `indices`.

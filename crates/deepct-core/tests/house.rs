@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 /// Each module and the modules that it may import, besides `error` and `math`, which
 /// are below everything. A module stands after all that it imports, so the table has no
 /// cycle.
-const TABLE: [(&str, &[&str]); 19] = [
+const TABLE: [(&str, &[&str]); 20] = [
     ("error", &[]),
     ("math", &[]),
     ("rng", &[]),
@@ -22,7 +22,11 @@ const TABLE: [(&str, &[&str]); 19] = [
     ("sensor", &["image", "rng"]),
     ("carve", &["grid", "image", "scene"]),
     ("network", &["conv", "grid", "image"]),
-    ("io", &["cloud", "grid", "image", "network", "scene"]),
+    (
+        "inversion",
+        &["carve", "grid", "image", "metrics", "network", "optics", "rng", "scene", "transport"],
+    ),
+    ("io", &["cloud", "grid", "image", "inversion", "network", "scene"]),
     ("plot", &["grid", "image", "metrics"]),
     // The cases with known answers: each is a scene and what transport makes of it.
     ("validation", &["cloud", "grid", "image", "io", "optics", "scene", "transport"]),

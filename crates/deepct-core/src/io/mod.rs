@@ -8,6 +8,8 @@
 //! file, the field and the remedy.
 
 #[cfg(feature = "files")]
+mod checkpoint;
+#[cfg(feature = "files")]
 mod exr;
 #[cfg(feature = "files")]
 pub mod import;
@@ -21,12 +23,14 @@ use crate::error::{Error, Result};
 use std::path::Path;
 
 #[cfg(feature = "files")]
+pub use self::checkpoint::{read_checkpoint, write_checkpoint};
+#[cfg(feature = "files")]
 pub use self::exr::write_exr;
 #[cfg(feature = "files")]
 pub use netcdf::{
     MAX_VALUES, Provenance, ReferenceDroplets, ReferenceView, read_cloud, read_grid, read_mask,
     read_observation, read_reference_droplets, read_reference_view, read_volume, write_cloud,
-    write_mask, write_observation, write_sample, write_volume,
+    write_mask, write_observation, write_reconstruction, write_sample, write_volume,
 };
 #[cfg(feature = "files")]
 pub use weights::write_weights;

@@ -137,8 +137,13 @@ pub fn read_volume(path: impl AsRef<Path>) -> Result<Volume> {
 pub fn write_mask(path: impl AsRef<Path>, mask: &Mask, provenance: &Provenance) -> Result<()> {
     let mut output = Output::create(path.as_ref(), provenance)?;
     write_axes(&mut output, &mask.grid)?;
-    output.variable("mask", &AXES, &mask.values.mapv(u8::from), MASK)?;
+    put_mask(&output, mask)?;
     output.finish()
+}
+
+/// Put a mask into a file that has its axes.
+pub(super) fn put_mask(output: &Output, mask: &Mask) -> Result<()> {
+    output.variable("mask", &AXES, &mask.values.mapv(u8::from), MASK)
 }
 
 /// Read `mask`, 1 inside and 0 outside, on `(z, y, x)`.

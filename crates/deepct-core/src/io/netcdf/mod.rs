@@ -5,6 +5,7 @@ mod dimension;
 mod field;
 mod observation;
 mod read;
+mod reconstruction;
 mod reference;
 mod sample;
 mod write;
@@ -15,6 +16,7 @@ pub use field::{
 };
 pub use observation::{read_observation, write_observation};
 pub(crate) use read::{Input, Variable};
+pub use reconstruction::write_reconstruction;
 pub use reference::{
     ReferenceDroplets, ReferenceView, read_reference_droplets, read_reference_view,
 };

@@ -1,0 +1,55 @@
+//! The hybrid: an inversion that starts from what the network says.
+
+use super::{InversionSettings, Models, Problem, Reconstruction, Start, Watch, invert};
+use crate::error::{Error, Result};
+use crate::grid::{Grid, Volume};
+use crate::network::Network;
+use crate::scene::{Observation, target};
+
+/// Steps of the quick hybrid.
+pub const QUICK_ITERATIONS: usize = 10;
+
+/// The grid of the network's answer to the images of an observation.
+///
+/// # Errors
+/// Views that do not look at one point.
+pub fn network_grid(network: &Network, observation: &Observation) -> Result<Grid> {
+    let target = target(&observation.views)?;
+    let [_, rows, cols] = observation.images.shape();
+    network.grid([target.x, target.y], [rows, cols])
+}
+
+/// What the network says of the cloud in an observation (1/km).
+///
+/// # Errors
+/// Images that are not what the weights are for, with the number that differs.
+pub fn network_start(network: &Network, observation: &Observation) -> Result<Volume> {
+    let target = target(&observation.views)?;
+    let geometry = observation.geometry();
+    network.metadata().check_images(&geometry, target.z, observation.wavelength)?;
+    network.infer(&observation.images, [target.x, target.y])
+}
+
+/// The extinction of an observation, inverted from what the network says of it.
+///
+/// # Errors
+/// Those of [`network_start`] and [`invert`]; a mask that is not on [`network_grid`].
+pub fn hybrid(
+    problem: &Problem,
+    network: &Network,
+    models: &mut dyn Models,
+    settings: &InversionSettings,
+    watch: &dyn Watch,
+) -> Result<Reconstruction> {
+    let mut start = network_start(network, problem.observation)?;
+    if !start.grid.matches(&problem.mask.grid) {
+        return Err(Error::mismatch(
+            "grid of the mask",
+            format!("{:?} voxels from {} km", start.grid.shape, start.grid.origin),
+            format!("{:?} voxels from {} km", problem.mask.grid.shape, problem.mask.grid.origin),
+            "carve a mask on the grid of the network's answer",
+        ));
+    }
+    problem.mask.apply(&mut start)?;
+    invert(problem, models, &Start::Volume(start), settings, watch)
+}

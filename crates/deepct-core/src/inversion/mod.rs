@@ -1,0 +1,154 @@
+//! Inversion: the extinction whose images are those that were measured.
+//!
+//! [`invert`] minimises
+//!
+//! ```text
+//! 1/2 sum over pixels ((F(extinction) - measured) / standard error)^2 + prior(extinction)
+//! ```
+//!
+//! over the voxels of a mask, between nothing and a greatest extinction, for any model
+//! `F` that gives images and the derivatives of a weighted sum of them
+//! ([`ForwardModel`]). From a start that is the same everywhere it first solves for blocks
+//! of voxels, on grids so coarse that a step costs next to nothing. The optimiser is a
+//! bounded quasi-Newton method ([`Minimiser`]); each variable has a unit by its
+//! sensitivity.
+
+mod blocks;
+mod checkpoint;
+mod hybrid;
+mod measurement;
+mod objective;
+mod optimiser;
+mod prior;
+mod run;
+mod scale;
+mod settings;
+mod variables;
+
+pub use checkpoint::Checkpoint;
+pub use hybrid::{QUICK_ITERATIONS, hybrid, network_grid, network_start};
+pub use measurement::Measurement;
+pub use optimiser::{Bounds, Function, Minimiser, MinimiserSettings, Pair, Point, Step};
+pub use run::{invert, resume};
+pub use settings::{InversionSettings, Variable};
+
+use crate::error::Result;
+use crate::grid::{Mask, Volume};
+use crate::image::ViewStack;
+use crate::scene::Observation;
+use serde::{Deserialize, Serialize};
+
+/// The images of an extinction, and how they depend on it.
+pub trait ForwardModel {
+    /// The images of an extinction (1/km).
+    ///
+    /// # Errors
+    /// Those of the model.
+    fn images(&mut self, extinction: &Volume) -> Result<ViewStack>;
+
+    /// The derivative of `sum(weights * images)` with respect to the extinction of each
+    /// voxel, at the extinction of the last [`ForwardModel::images`].
+    ///
+    /// # Errors
+    /// Those of the model.
+    fn gradient(&mut self, weights: &ViewStack) -> Result<Volume>;
+}
+
+/// Models of the same images on any grid.
+pub trait Models {
+    /// The model on the grid of a mask, that of the problem or one of blocks of its
+    /// voxels; the extinction is 0 outside the mask.
+    ///
+    /// # Errors
+    /// Those of the model.
+    fn model(&mut self, mask: &Mask) -> Result<Box<dyn ForwardModel + '_>>;
+}
+
+/// What is asked: the cloud of an observation, inside a mask.
+#[derive(Debug, Clone, Copy)]
+pub struct Problem<'a> {
+    /// The images.
+    pub observation: &'a Observation,
+    /// Where the cloud may be, and the grid of the answer.
+    pub mask: &'a Mask,
+    /// The truth on the same grid, if the history shall tell how far each step is from it.
+    pub truth: Option<&'a Volume>,
+}
+
+/// Where an inversion starts.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Start {
+    /// The same extinction (1/km) everywhere in the mask.
+    Constant(f64),
+    /// The same extinction everywhere, the one that fits the images best.
+    Search,
+    /// An extinction on the grid of the mask.
+    Volume(Volume),
+}
+
+/// One step of an inversion.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Record {
+    /// Side of the blocks of voxels that were solved for; 1 on the grid itself.
+    pub block: usize,
+    /// Number of the step on that grid; 0 is its start.
+    pub iteration: usize,
+    /// Time since the beginning (s).
+    pub seconds: f64,
+    /// Mean over all pixels of the squared residual over its standard error.
+    pub misfit: f64,
+    /// What is minimised.
+    pub value: f64,
+    /// Times that images were computed on that grid.
+    pub evaluations: usize,
+    /// Relative error epsilon, where the truth is known.
+    pub relative_error: Option<f64>,
+    /// Relative error of the total extinction delta, where the truth is known.
+    pub mass_error: Option<f64>,
+}
+
+/// Why an inversion ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Ending {
+    /// The misfit is what the noise explains.
+    Noise,
+    /// All steps were taken.
+    Iterations,
+    /// Steps did not lower the value any more.
+    Stalled,
+    /// The watch stopped it.
+    Interrupted,
+}
+
+/// What an inversion came to.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Reconstruction {
+    /// The extinction (1/km), 0 outside the mask.
+    pub extinction: Volume,
+    /// What was reached, step by step.
+    pub history: Vec<Record>,
+    /// Why it ended.
+    pub ending: Ending,
+}
+
+/// Whoever waits for an inversion; `()` does so without a word.
+pub trait Watch {
+    /// Called after each step.
+    fn reached(&self, _record: &Record) {}
+
+    /// Called after each step with what is needed to go on from there.
+    ///
+    /// # Errors
+    /// Where it cannot be kept; the inversion then ends with this error.
+    fn keep(&self, _checkpoint: &Checkpoint) -> Result<()> {
+        Ok(())
+    }
+
+    /// Whether to stop and give what is there. Asked before each step.
+    fn interrupted(&self) -> bool {
+        false
+    }
+}
+
+impl Watch for () {}

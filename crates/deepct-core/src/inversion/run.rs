@@ -1,0 +1,534 @@
+//! The way from a start to an answer: grid by grid, step by step.
+
+use super::blocks::{coarsen, means, refine, shares};
+use super::objective::Objective;
+use super::optimiser::{Minimiser, MinimiserSettings, Step};
+use super::prior::Smoothness;
+use super::scale::scale;
+use super::variables::Variables;
+use super::{
+    Checkpoint, Ending, InversionSettings, Measurement, Models, Problem, Reconstruction, Record,
+    Start, Watch,
+};
+use crate::error::{Error, Result};
+use crate::grid::{Grid, Mask, Volume};
+use crate::metrics;
+use ndarray::Array3;
+use std::time::Instant;
+
+/// Steps over which [`InversionSettings::change`] is looked at.
+const PATIENCE: usize = 5;
+
+/// The extinction inside the mask whose images fit those of the observation.
+///
+/// # Errors
+/// Settings out of range, a mask of nothing, a start or truth on another grid, images of
+/// nothing, and the errors of the models and of the watch.
+pub fn invert(
+    problem: &Problem,
+    models: &mut dyn Models,
+    start: &Start,
+    settings: &InversionSettings,
+    watch: &dyn Watch,
+) -> Result<Reconstruction> {
+    let mut run = Run::new(problem, settings, watch)?;
+    let (mut extinction, search) = run.first(start)?;
+    let mut ending = Ending::Iterations;
+    for (number, block) in run.blocks(start).into_iter().enumerate() {
+        let level = run.level(block)?;
+        let from = Beginning::Volume(&extinction, number == 0 && search);
+        (extinction, ending) = run.solve(&level, models, from)?;
+        if ending == Ending::Interrupted {
+            break;
+        }
+    }
+    Ok(Reconstruction { extinction, history: run.history, ending })
+}
+
+/// Go on from a checkpoint of [`invert`] with the same problem, models and settings.
+///
+/// # Errors
+/// As [`invert`]; a checkpoint of another problem.
+pub fn resume(
+    problem: &Problem,
+    models: &mut dyn Models,
+    checkpoint: Checkpoint,
+    settings: &InversionSettings,
+    watch: &dyn Watch,
+) -> Result<Reconstruction> {
+    let mut run = Run::new(problem, settings, watch)?;
+    run.history = checkpoint.history.clone();
+    run.seconds = checkpoint.history.last().map_or(0.0, |record| record.seconds);
+    let first = checkpoint.block;
+    let level = run.level(first)?;
+    let (mut extinction, mut ending) =
+        run.solve(&level, models, Beginning::Checkpoint(checkpoint))?;
+    let finer = settings.coarse.iter().copied().chain([1]).skip_while(|block| *block >= first);
+    for block in finer {
+        if ending == Ending::Interrupted {
+            break;
+        }
+        let level = run.level(block)?;
+        (extinction, ending) = run.solve(&level, models, Beginning::Volume(&extinction, false))?;
+    }
+    Ok(Reconstruction { extinction, history: run.history, ending })
+}
+
+/// One grid of an inversion.
+struct Level {
+    block: usize,
+    grid: Grid,
+    shares: Array3<f64>,
+}
+
+impl Level {
+    /// The blocks that hold some of the mask.
+    fn mask(&self) -> Result<Mask> {
+        Mask::new(self.grid, self.shares.mapv(|share| share > 0.0))
+    }
+}
+
+/// Where the work on a grid begins.
+enum Beginning<'a> {
+    /// At an extinction of the cloudy parts on the grid of the answer; whether the factor
+    /// that fits best is searched for.
+    Volume(&'a Volume, bool),
+    /// Where another run was.
+    Checkpoint(Checkpoint),
+}
+
+/// What all grids of an inversion have in common.
+struct Run<'a> {
+    mask: &'a Mask,
+    truth: Option<&'a Volume>,
+    settings: &'a InversionSettings,
+    watch: &'a dyn Watch,
+    measurement: Measurement,
+    history: Vec<Record>,
+    /// Time that was spent before this run.
+    seconds: f64,
+    began: Instant,
+}
+
+impl<'a> Run<'a> {
+    fn new(
+        problem: &Problem<'a>,
+        settings: &'a InversionSettings,
+        watch: &'a dyn Watch,
+    ) -> Result<Self> {
+        settings.check()?;
+        let Problem { observation, mask, truth } = *problem;
+        if mask.count() == 0 {
+            return Err(Error::out_of_range("voxels of the mask", 0, "at least 1"));
+        }
+        if let Some(truth) = truth {
+            check_grid("grid of the truth", &mask.grid, &truth.grid)?;
+            metrics::check_truth(truth)?;
+        }
+        let measurement = Measurement::new(observation, settings)?;
+        let (history, began) = (Vec::new(), Instant::now());
+        Ok(Self { mask, truth, settings, watch, measurement, history, seconds: 0.0, began })
+    }
+
+    /// The extinction to start with, and whether its factor is searched for.
+    fn first(&self, start: &Start) -> Result<(Volume, bool)> {
+        let grid = self.mask.grid;
+        let (volume, search) = match start {
+            Start::Search => (Volume::constant(grid, 1.0), true),
+            Start::Constant(extinction) if extinction.is_finite() && *extinction > 0.0 => {
+                (Volume::constant(grid, *extinction as f32), self.settings.scale_start)
+            }
+            Start::Constant(extinction) => {
+                return Err(Error::out_of_range("start", extinction, "positive (1/km)"));
+            }
+            Start::Volume(volume) => {
+                check_grid("grid of the start", &grid, &volume.grid)?;
+                volume.check_non_negative("extinction of the start")?;
+                (volume.clone(), self.settings.scale_start)
+            }
+        };
+        Ok((volume, search))
+    }
+
+    /// The sides of the blocks, from coarse to fine.
+    fn blocks(&self, start: &Start) -> Vec<usize> {
+        let coarse = match start {
+            Start::Volume(_) => &[][..],
+            Start::Constant(_) | Start::Search => &self.settings.coarse,
+        };
+        coarse.iter().copied().chain([1]).collect()
+    }
+
+    fn level(&self, block: usize) -> Result<Level> {
+        let grid = coarsen(&self.mask.grid, block)?;
+        Ok(Level { block, grid, shares: shares(self.mask, block, grid.shape) })
+    }
+
+    /// Solve on one grid; gives the extinction of the cloudy parts on the answer's grid.
+    fn solve(
+        &mut self,
+        level: &Level,
+        models: &mut dyn Models,
+        beginning: Beginning,
+    ) -> Result<(Volume, Ending)> {
+        let Level { block, grid, shares } = level;
+        let variables = Variables::new(*grid, shares, self.settings);
+        let prior = Smoothness::new(grid, shares, *block, self.settings.typical_gradient);
+        let measurement = self.measurement.clone();
+        let mut objective =
+            Objective::new(models.model(&level.mask()?)?, &measurement, variables, prior);
+        let (mut minimiser, mut iteration) = match beginning {
+            Beginning::Volume(extinction, search) => {
+                let cloudy = means(extinction, self.mask, *block)?;
+                (self.begin(&mut objective, cloudy, search)?, 0)
+            }
+            Beginning::Checkpoint(checkpoint) => {
+                restore(&mut objective, checkpoint, self.settings)?
+            }
+        };
+        if iteration == 0 {
+            self.note(level, &objective, &minimiser, 0)?;
+        }
+        let most = match block {
+            1 => self.settings.iterations,
+            _ => self.settings.coarse_iterations,
+        };
+        let ending = loop {
+            if let Some(ending) = self.ended(iteration, most, *block) {
+                break ending;
+            }
+            if minimiser.step(&mut objective)? == Step::NoDescent {
+                break Ending::Stalled;
+            }
+            iteration += 1;
+            self.note(level, &objective, &minimiser, iteration)?;
+        };
+        Ok((self.answer(level, &objective, &minimiser)?, ending))
+    }
+
+    /// Scale the start, find the units of the variables, and compute the first gradient.
+    fn begin(
+        &self,
+        objective: &mut Objective,
+        mut cloudy: Volume,
+        search: bool,
+    ) -> Result<Minimiser> {
+        if search {
+            scale(objective, &mut cloudy)?;
+        }
+        let x = objective.variables.of(&cloudy);
+        objective.precondition(&x, self.settings)?;
+        let x = objective.variables.of(&cloudy);
+        let bounds = objective.variables.bounds();
+        Minimiser::start(objective, &x, bounds, minimiser_settings(self.settings))
+    }
+
+    /// Whether the work on a grid is over.
+    fn ended(&self, iteration: usize, most: usize, block: usize) -> Option<Ending> {
+        let here: Vec<&Record> =
+            self.history.iter().filter(|record| record.block == block).collect();
+        let last = here.last()?;
+        if self.watch.interrupted() {
+            return Some(Ending::Interrupted);
+        }
+        if last.misfit <= self.settings.misfit {
+            return Some(Ending::Noise);
+        }
+        if iteration >= most {
+            return Some(Ending::Iterations);
+        }
+        let before = here.len().checked_sub(PATIENCE + 1).map(|at| here[at].value)?;
+        (before - last.value < self.settings.change * before).then_some(Ending::Stalled)
+    }
+
+    /// Record a step, tell the watch, and let it keep what is needed to go on.
+    fn note(
+        &mut self,
+        level: &Level,
+        objective: &Objective,
+        minimiser: &Minimiser,
+        iteration: usize,
+    ) -> Result<()> {
+        let (mut relative_error, mut mass_error) = (None, None);
+        if let Some(truth) = self.truth {
+            let estimate = self.answer(level, objective, minimiser)?;
+            relative_error = Some(metrics::relative_error(truth, &estimate)?);
+            mass_error = Some(metrics::mass_error(truth, &estimate)?);
+        }
+        let record = Record {
+            block: level.block,
+            iteration,
+            seconds: self.seconds + self.began.elapsed().as_secs_f64(),
+            misfit: objective.misfit(),
+            value: minimiser.point().value,
+            evaluations: minimiser.values(),
+            relative_error,
+            mass_error,
+        };
+        self.history.push(record);
+        self.watch.reached(&record);
+        self.watch.keep(&Checkpoint {
+            block: level.block,
+            iteration,
+            scale: objective.variables.scale().to_vec(),
+            point: minimiser.point().clone(),
+            pairs: minimiser.pairs().cloned().collect(),
+            history: self.history.clone(),
+        })
+    }
+
+    /// The extinction of the cloudy parts on the grid of the answer, 0 outside the mask.
+    fn answer(
+        &self,
+        level: &Level,
+        objective: &Objective,
+        minimiser: &Minimiser,
+    ) -> Result<Volume> {
+        let cloudy = objective.variables.cloudy(&minimiser.point().x);
+        let values = objective.variables.scatter(&cloudy).mapv(|value| value as f32);
+        let mut volume = Volume::new(level.grid, values)?;
+        if level.block > 1 {
+            volume = refine(&volume, &level.shares, &self.mask.grid)?;
+        }
+        volume.grid = self.mask.grid;
+        self.mask.apply(&mut volume)?;
+        Ok(volume)
+    }
+}
+
+fn minimiser_settings(settings: &InversionSettings) -> MinimiserSettings {
+    MinimiserSettings { memory: settings.memory, ..Default::default() }
+}
+
+/// A minimisation that goes on where another run was, and the number of its steps.
+fn restore(
+    objective: &mut Objective,
+    checkpoint: Checkpoint,
+    settings: &InversionSettings,
+) -> Result<(Minimiser, usize)> {
+    let Checkpoint { scale, point, pairs, iteration, .. } = checkpoint;
+    let variables = objective.variables.len();
+    if scale.len() != variables || point.x.len() != variables {
+        return Err(Error::mismatch(
+            "number of variables in the checkpoint",
+            variables,
+            point.x.len(),
+            "go on with the images, grid and mask that the inversion was begun with",
+        ));
+    }
+    objective.variables.set_scale(scale);
+    let bounds = objective.variables.bounds();
+    Ok((Minimiser::resume(point, pairs, bounds, minimiser_settings(settings)), iteration))
+}
+
+fn check_grid(what: &str, expected: &Grid, found: &Grid) -> Result<()> {
+    if expected.matches(found) {
+        return Ok(());
+    }
+    let words = |grid: &Grid| {
+        format!("{:?} voxels of {} km from {} km", grid.shape, grid.spacing, grid.origin)
+    };
+    let remedy = "give all volumes on the grid of the mask";
+    Err(Error::mismatch(what, words(expected), words(found), remedy))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{ForwardModel, Variable};
+    use super::*;
+    use crate::image::ViewStack;
+    use crate::math::{DVec3, towards};
+    use crate::scene::{Observation, Sun, View};
+    use crate::traverse::walk;
+    use std::cell::RefCell;
+
+    // A model with a known answer: parallel light that an extinction absorbs, seen against
+    // a bright background.
+
+    /// `1 - exp(-optical depth)` along the middle of each pixel.
+    struct Absorption {
+        views: Vec<View>,
+    }
+
+    impl Models for Absorption {
+        fn model(&mut self, mask: &Mask) -> Result<Box<dyn ForwardModel + '_>> {
+            let nothing = Volume::constant(mask.grid, 0.0);
+            Ok(Box::new(OnGrid { views: &self.views, extinction: nothing }))
+        }
+    }
+
+    struct OnGrid<'a> {
+        views: &'a [View],
+        extinction: Volume,
+    }
+
+    impl OnGrid<'_> {
+        fn optical_depth(&self, [view, row, col]: [usize; 3]) -> f64 {
+            let ray = self.views[view].ray(row as f64 + 0.5, col as f64 + 0.5);
+            walk(&self.extinction.grid, &ray)
+                .map(|step| {
+                    f64::from(self.extinction.values[step.voxel]) * (step.exit - step.enter)
+                })
+                .sum()
+        }
+    }
+
+    impl ForwardModel for OnGrid<'_> {
+        fn images(&mut self, extinction: &Volume) -> Result<ViewStack> {
+            self.extinction = extinction.clone();
+            let shape = (self.views.len(), self.views[0].rows, self.views[0].cols);
+            ViewStack::new(Array3::from_shape_fn(shape, |(view, row, col)| {
+                1.0 - (-self.optical_depth([view, row, col])).exp() as f32
+            }))
+        }
+
+        fn gradient(&mut self, weights: &ViewStack) -> Result<Volume> {
+            let mut gradient = Volume::constant(self.extinction.grid, 0.0);
+            for ((view, row, col), weight) in weights.values.indexed_iter() {
+                let passed = (-self.optical_depth([view, row, col])).exp();
+                let ray = self.views[view].ray(row as f64 + 0.5, col as f64 + 0.5);
+                for step in walk(&gradient.grid.clone(), &ray) {
+                    let derivative = f64::from(*weight) * passed * (step.exit - step.enter);
+                    gradient.values[step.voxel] += derivative as f32;
+                }
+            }
+            Ok(gradient)
+        }
+    }
+
+    /// A smooth cloud, its absorption by seven views around it, and the model of them.
+    fn observe() -> (Volume, Observation, Absorption) {
+        let grid = Grid::new(DVec3::new(0.0, 0.0, 0.5), DVec3::splat(0.05), [8, 10, 12]).unwrap();
+        let value = |(k, j, i)| {
+            let from_center = grid.voxel_center([k, j, i]) - grid.center();
+            (6.0 * (1.0 - from_center.length_squared() / 0.04)).max(0.0) as f32
+        };
+        let truth = Volume::new(grid, Array3::from_shape_fn(grid.shape, value)).unwrap();
+        let directions = [(0.0, 0.0), (50.0, 0.0), (50.0, 180.0), (65.0, 90.0), (65.0, 270.0)];
+        let directions = directions.into_iter().chain([(35.0, 45.0), (35.0, 225.0)]);
+        let views: Vec<View> = directions
+            .map(|(zenith, azimuth): (f64, f64)| {
+                let towards = towards(zenith.to_radians(), azimuth.to_radians());
+                View::orthographic(towards, grid.center(), 0.025, [40, 40]).unwrap()
+            })
+            .collect();
+        let mut models = Absorption { views: views.clone() };
+        let images = models.model(&mask(&truth)).unwrap().images(&truth).unwrap();
+        (truth, Observation::new(Sun::default(), views, images).unwrap(), models)
+    }
+
+    fn settings() -> InversionSettings {
+        InversionSettings {
+            iterations: 100,
+            coarse: vec![2],
+            model_error: 0.0,
+            relative_noise: 1e-3,
+            typical_gradient: 0.0,
+            change: 0.0,
+            ..Default::default()
+        }
+    }
+
+    /// The voxels of the cloud and those around it.
+    fn mask(truth: &Volume) -> Mask {
+        let counted = Array3::from_elem(truth.grid.shape, true);
+        let spread = super::super::blocks::smooth(&truth.values.mapv(f64::from), &counted);
+        Mask::new(truth.grid, spread.mapv(|value| value > 0.0)).unwrap()
+    }
+
+    /// Counts steps, keeps the last checkpoint, and stops after a number of steps.
+    struct Keeper {
+        stop_after: usize,
+        kept: RefCell<Vec<Checkpoint>>,
+    }
+
+    impl Watch for Keeper {
+        fn keep(&self, checkpoint: &Checkpoint) -> Result<()> {
+            self.kept.borrow_mut().push(checkpoint.clone());
+            Ok(())
+        }
+
+        fn interrupted(&self) -> bool {
+            self.kept.borrow().len() > self.stop_after
+        }
+    }
+
+    #[test]
+    fn a_cloud_that_absorbs_is_found_from_next_to_nothing() {
+        let (truth, observation, mut models) = observe();
+        let mask = mask(&truth);
+        let problem = Problem { observation: &observation, mask: &mask, truth: Some(&truth) };
+        for variable in [Variable::Linear, Variable::Logarithmic] {
+            let settings = InversionSettings { variable, misfit: 0.1, ..settings() };
+            let start = Start::Constant(0.01);
+            let found = invert(&problem, &mut models, &start, &settings, &()).unwrap();
+            let errors: Vec<f64> =
+                found.history.iter().filter_map(|record| record.relative_error).collect();
+            let (first, last) = (errors[0], errors[errors.len() - 1]);
+            assert!(found.ending == Ending::Noise, "{:?}", found.history.last());
+            assert!(first > 0.3 && last < 0.04, "{variable:?}: {first} to {last}");
+            let outside = found.extinction.values.iter().zip(&mask.values);
+            assert!(
+                outside.clone().all(|(value, inside)| *value >= 0.0 && (*inside || *value == 0.0))
+            );
+        }
+    }
+
+    #[test]
+    fn the_search_finds_the_constant_that_fits_best() {
+        let (truth, mut observation, mut models) = observe();
+        let mask = mask(&truth);
+        let inside = mask.values.mapv(|inside| if inside { 3.7 } else { 0.0 });
+        let constant = Volume::new(truth.grid, inside).unwrap();
+        observation.images = models.model(&mask).unwrap().images(&constant).unwrap();
+        let problem = Problem { observation: &observation, mask: &mask, truth: None };
+        let settings = InversionSettings { iterations: 0, coarse: vec![], ..settings() };
+        for start in [Start::Search, Start::Constant(0.01), Start::Constant(90.0)] {
+            let found = invert(&problem, &mut models, &start, &settings, &()).unwrap();
+            let value = found.extinction.values.iter().copied().fold(0.0, f32::max);
+            assert!((value / 3.7 - 1.0).abs() < 0.1, "{start:?}: {value}");
+        }
+    }
+
+    #[test]
+    fn an_inversion_goes_on_where_it_was_stopped() {
+        let (truth, observation, mut models) = observe();
+        let mask = mask(&truth);
+        let problem = Problem { observation: &observation, mask: &mask, truth: Some(&truth) };
+        let settings = InversionSettings { iterations: 9, coarse_iterations: 5, ..settings() };
+        let start = Start::Constant(1.0);
+        let whole = invert(&problem, &mut models, &start, &settings, &()).unwrap();
+        for stop_after in [3, 11] {
+            let keeper = Keeper { stop_after, kept: RefCell::default() };
+            let part = invert(&problem, &mut models, &start, &settings, &keeper).unwrap();
+            assert!(part.ending == Ending::Interrupted && part.history.len() == stop_after + 1);
+            let checkpoint = keeper.kept.borrow().last().unwrap().clone();
+            let rest = resume(&problem, &mut models, checkpoint, &settings, &()).unwrap();
+            assert_eq!(rest.extinction, whole.extinction);
+            assert_eq!(rest.ending, whole.ending);
+            assert_eq!(rest.history.len(), whole.history.len());
+        }
+    }
+
+    #[test]
+    fn what_does_not_fit_is_refused() {
+        let (truth, observation, mut models) = observe();
+        let mask = mask(&truth);
+        let problem = Problem { observation: &observation, mask: &mask, truth: None };
+        let mut run = |problem: &Problem, start: Start, settings: &InversionSettings| {
+            invert(problem, &mut models, &start, settings, &()).unwrap_err().to_string()
+        };
+        let wrong = InversionSettings { model_error: -1.0, ..settings() };
+        assert!(run(&problem, Start::Search, &wrong).contains("model_error"));
+        assert!(run(&problem, Start::Constant(0.0), &settings()).contains("start"));
+        let mut moved = truth.clone();
+        moved.grid.origin.x += 1.0;
+        let error = run(&problem, Start::Volume(moved.clone()), &settings());
+        assert!(error.contains("grid of the start"), "{error}");
+        let other = Problem { truth: Some(&moved), ..problem };
+        assert!(run(&other, Start::Search, &settings()).contains("grid of the truth"));
+        let nothing = Mask::new(truth.grid, Array3::from_elem(truth.grid.shape, false)).unwrap();
+        let empty = Problem { mask: &nothing, ..problem };
+        assert!(run(&empty, Start::Search, &settings()).contains("mask"));
+    }
+}

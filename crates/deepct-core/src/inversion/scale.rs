@@ -1,0 +1,91 @@
+//! The factor by which a start fits the images best.
+
+use super::objective::Objective;
+use super::optimiser::Function;
+use crate::error::Result;
+use crate::grid::Volume;
+
+/// The first stride in the logarithm of the factor.
+const FIRST_STRIDE: f64 = 1.4;
+/// The most images that the search asks for.
+const MOST_IMAGES: usize = 16;
+/// The logarithm of the factor is found to about this.
+const ENOUGH: f64 = 0.1;
+
+/// Multiply an extinction by the factor of the least misfit.
+///
+/// Strides in the logarithm of the factor grow as long as they pay; then the interval
+/// around the lowest place is narrowed by parabolas.
+pub(super) fn scale(objective: &mut Objective, cloudy: &mut Volume) -> Result<()> {
+    let value = |logarithm: f64| -> Result<f64> {
+        let scaled = cloudy.values.mapv(|value| value * logarithm.exp() as f32);
+        let x = objective.variables.of(&Volume::new(cloudy.grid, scaled)?);
+        objective.value(&x)
+    };
+    let best = lowest(value)?;
+    cloudy.values *= best.exp() as f32;
+    Ok(())
+}
+
+/// About where a function of one number, searched from 0, is lowest.
+fn lowest(mut function: impl FnMut(f64) -> Result<f64>) -> Result<f64> {
+    let mut at = |x: f64| function(x).map(|value| (x, value));
+    let (mut low, mut middle) = (at(0.0)?, at(FIRST_STRIDE)?);
+    if middle.1 >= low.1 {
+        std::mem::swap(&mut low, &mut middle);
+    }
+    let mut asked = 3;
+    let mut high = at(middle.0 + 1.5 * (middle.0 - low.0))?;
+    while high.1 < middle.1 && asked < MOST_IMAGES {
+        (low, middle) = (middle, high);
+        high = at(middle.0 + 1.5 * (middle.0 - low.0))?;
+        asked += 1;
+    }
+    while (high.0 - low.0).abs() > 2.0 * ENOUGH && asked < MOST_IMAGES {
+        let next = at(between(low, middle, high))?;
+        asked += 1;
+        let above = (next.0 - middle.0) * (high.0 - low.0) > 0.0;
+        match (next.1 < middle.1, above) {
+            (true, true) => (low, middle) = (middle, next),
+            (true, false) => (high, middle) = (middle, next),
+            (false, true) => high = next,
+            (false, false) => low = next,
+        }
+    }
+    Ok(if middle.1 <= high.1 { middle.0 } else { high.0 })
+}
+
+/// Where to look next: the lowest place of the parabola through three points, kept away
+/// from the middle one, on the side of which nothing new would be learnt.
+fn between((a, fa): (f64, f64), (b, fb): (f64, f64), (c, fc): (f64, f64)) -> f64 {
+    let (left, right) = ((b - a) * (fb - fc), (b - c) * (fb - fa));
+    let vertex = b - 0.5 * ((b - a) * left - (b - c) * right) / (left - right);
+    let wider = if (c - b).abs() > (b - a).abs() { c } else { a };
+    let inside = vertex > a.min(c) && vertex < a.max(c);
+    if !inside || (vertex - b).abs() < 0.1 * (wider - b).abs() {
+        return b + 0.3 * (wider - b);
+    }
+    vertex
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A misfit that saturates on both sides, as that of a thin and of a thick cloud do.
+    #[test]
+    fn the_lowest_place_is_found_from_afar() {
+        for place in [-9.0_f64, -2.0, 0.0, 0.7, 5.0, 9.0] {
+            let mut asked = 0;
+            let found = lowest(|x| {
+                asked += 1;
+                Ok((1.0 + (-(x - place)).exp()).ln() + 0.2 * (1.0 + (x - place).exp()).ln())
+            });
+            // The derivative is zero where exp(place - x) is a fifth.
+            let expected = place + 5.0_f64.ln();
+            let found = found.unwrap();
+            assert!((found - expected).abs() < 2.0 * ENOUGH, "{found} {expected}");
+            assert!(asked <= MOST_IMAGES, "{asked}");
+        }
+    }
+}

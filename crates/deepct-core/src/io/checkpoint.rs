@@ -1,0 +1,166 @@
+//! Checkpoints of inversions: safetensors of `F64` tensors with the rest in the header.
+//!
+//! | tensor | shape | |
+//! |---|---|---|
+//! | `scale`, `x`, `gradient` | `[variables]` | units of the variables, the point, the derivatives there |
+//! | `steps`, `changes` | `[pairs, variables]` | what the optimiser remembers, the oldest first |
+
+use crate::error::{Error, Result};
+use crate::inversion::{Checkpoint, Pair, Point, Record};
+use safetensors::tensor::TensorView;
+use safetensors::{Dtype, SafeTensors};
+use serde::{Deserialize, Serialize};
+use std::collections::HashMap;
+use std::path::Path;
+
+/// The key of the header's metadata that holds ours.
+const KEY: &str = "deepct";
+
+/// What the header holds.
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Header {
+    /// What the inversion is of: one of another problem cannot go on from here.
+    identity: String,
+    block: usize,
+    iteration: usize,
+    value: f64,
+    history: Vec<Record>,
+}
+
+/// Write a checkpoint, to a temporary name first. `identity` says what the inversion is
+/// of, in any words.
+///
+/// # Errors
+/// When the file cannot be written.
+pub fn write_checkpoint(
+    path: impl AsRef<Path>,
+    checkpoint: &Checkpoint,
+    identity: &str,
+) -> Result<()> {
+    let path = path.as_ref();
+    let Checkpoint { block, iteration, scale, point, pairs, history } = checkpoint;
+    let (block, iteration, value) = (*block, *iteration, point.value);
+    let (identity, history) = (identity.to_owned(), history.clone());
+    let header = Header { identity, block, iteration, value, history };
+    let header = serde_json::to_string(&header).expect("plain numbers and text");
+    let joined = |part: fn(&Pair) -> &[f64]| -> Vec<f64> {
+        pairs.iter().flat_map(|pair| part(pair).iter().copied()).collect()
+    };
+    let (steps, changes) = (joined(|pair| &pair.step), joined(|pair| &pair.change));
+    let (one, all) = (vec![scale.len()], vec![pairs.len(), scale.len()]);
+    let tensors = [
+        ("scale", scale, &one),
+        ("x", &point.x, &one),
+        ("gradient", &point.gradient, &one),
+        ("steps", &steps, &all),
+        ("changes", &changes, &all),
+    ];
+    let views = tensors.map(|(name, values, shape)| {
+        let view = TensorView::new(Dtype::F64, shape.clone(), bytemuck::cast_slice(values));
+        (name, view.expect("as many values as the shape says"))
+    });
+    let metadata = HashMap::from([(KEY.to_owned(), header)]);
+    let bytes = safetensors::serialize(views, Some(metadata)).map_err(|problem| {
+        Error::file(path, "checkpoint", problem.to_string(), "report this as a bug")
+    })?;
+    let temporary = super::temporary_beside(path)?;
+    std::fs::write(&temporary, bytes).map_err(Error::io(path))?;
+    temporary.persist(path).map_err(|problem| Error::io(path)(problem.error))
+}
+
+/// Read a checkpoint of the inversion that `identity` says.
+///
+/// # Errors
+/// A file that is missing, damaged, or of another inversion.
+pub fn read_checkpoint(path: impl AsRef<Path>, identity: &str) -> Result<Checkpoint> {
+    let path = path.as_ref();
+    let remedy = "delete the file, and start the inversion anew without --resume";
+    let damaged = |problem: String| Error::file(path, "checkpoint", problem, remedy);
+    let bytes = std::fs::read(path).map_err(Error::io(path))?;
+    let (_, header) =
+        SafeTensors::read_metadata(&bytes).map_err(|problem| damaged(problem.to_string()))?;
+    let header = header.metadata().as_ref().and_then(|metadata| metadata.get(KEY));
+    let header = header.ok_or_else(|| damaged("has no header of deepct".into()))?;
+    let header: Header =
+        serde_json::from_str(header).map_err(|problem| damaged(problem.to_string()))?;
+    if header.identity != identity {
+        return Err(damaged("is of an inversion of other images or settings".into()));
+    }
+    let tensors =
+        SafeTensors::deserialize(&bytes).map_err(|problem| damaged(problem.to_string()))?;
+    let read = |name: &str| -> Result<Vec<f64>> {
+        let tensor = tensors.tensor(name).map_err(|problem| damaged(problem.to_string()))?;
+        if tensor.dtype() != Dtype::F64 {
+            return Err(damaged(format!("{name} is {:?}, not F64", tensor.dtype())));
+        }
+        let numbers = tensor.data().chunks_exact(8);
+        Ok(numbers.map(|b| f64::from_le_bytes(b.try_into().expect("eight bytes"))).collect())
+    };
+    let (scale, x, gradient) = (read("scale")?, read("x")?, read("gradient")?);
+    let (steps, changes) = (read("steps")?, read("changes")?);
+    let count = scale.len();
+    if count == 0 || x.len() != count || gradient.len() != count || steps.len() != changes.len() {
+        return Err(damaged("has tensors that do not fit each other".into()));
+    }
+    let pairs = steps.chunks_exact(count).zip(changes.chunks_exact(count));
+    let pairs = pairs.map(|(step, change)| Pair { step: step.into(), change: change.into() });
+    Ok(Checkpoint {
+        block: header.block,
+        iteration: header.iteration,
+        scale,
+        point: Point { x, value: header.value, gradient },
+        pairs: pairs.collect(),
+        history: header.history,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn checkpoint() -> Checkpoint {
+        let pair = |from: f64| Pair { step: vec![from, 0.1], change: vec![2.0 * from, -1e-300] };
+        let record = Record {
+            block: 2,
+            iteration: 3,
+            seconds: 1.25,
+            misfit: 7.0,
+            value: 3.5,
+            evaluations: 5,
+            relative_error: Some(0.1 + 0.2),
+            mass_error: None,
+        };
+        Checkpoint {
+            block: 2,
+            iteration: 3,
+            scale: vec![1.0, 0.3],
+            point: Point { x: vec![0.7, 1e-17], value: 3.5, gradient: vec![-1.0, 1.0 / 3.0] },
+            pairs: vec![pair(1.0), pair(1.0 / 7.0)],
+            history: vec![record],
+        }
+    }
+
+    #[test]
+    fn a_checkpoint_comes_back_bit_by_bit() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("V.nc.checkpoint");
+        write_checkpoint(&path, &checkpoint(), "these images").unwrap();
+        assert_eq!(read_checkpoint(&path, "these images").unwrap(), checkpoint());
+        let first = Checkpoint { pairs: vec![], ..checkpoint() };
+        write_checkpoint(&path, &first, "these images").unwrap();
+        assert_eq!(read_checkpoint(&path, "these images").unwrap(), first);
+    }
+
+    #[test]
+    fn another_inversion_and_a_damaged_file_are_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("V.nc.checkpoint");
+        write_checkpoint(&path, &checkpoint(), "these images").unwrap();
+        let problem = read_checkpoint(&path, "others").unwrap_err().to_string();
+        assert!(problem.contains("other images"), "{problem}");
+        let bytes = std::fs::read(&path).unwrap();
+        std::fs::write(&path, &bytes[..bytes.len() - 5]).unwrap();
+        assert!(read_checkpoint(&path, "these images").is_err());
+    }
+}

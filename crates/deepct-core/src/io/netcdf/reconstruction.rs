@@ -1,0 +1,53 @@
+//! A volume that was inverted, the mask it was sought in, and the way to it.
+
+use super::Provenance;
+use super::field::{put_mask, put_volume};
+use super::write::{Attribute::*, Output};
+use crate::error::Result;
+use crate::grid::Mask;
+use crate::inversion::{Reconstruction, Record};
+use ndarray::Array1;
+use std::path::Path;
+
+/// Write a reconstruction: `extinction` and `mask` on `(z, y, x)`, and what was reached
+/// step by step on the dimension `step`: `block`, `seconds`, `misfit` and, where the truth
+/// was known, `relative_error` and `mass_error`. `read_volume` and `read_mask` read it.
+///
+/// # Errors
+/// When the file cannot be written.
+pub fn write_reconstruction(
+    path: impl AsRef<Path>,
+    reconstruction: &Reconstruction,
+    mask: &Mask,
+    provenance: &Provenance,
+) -> Result<()> {
+    let mut output = Output::create(path.as_ref(), provenance)?;
+    put_volume(&mut output, &reconstruction.extinction)?;
+    put_mask(&output, mask)?;
+    put_history(&mut output, &reconstruction.history)?;
+    output.finish()
+}
+
+fn put_history(output: &mut Output, history: &[Record]) -> Result<()> {
+    output.counted("step", history.len(), "steps of the inversion")?;
+    let column = |name: &str, unit: &str, long_name: &str, value: &dyn Fn(&Record) -> f64| {
+        let values: Array1<f64> = history.iter().map(value).collect();
+        output.variable(
+            name,
+            &["step"],
+            &values,
+            &[("units", Text(unit)), ("long_name", Text(long_name))],
+        )
+    };
+    column("block", "1", "side of the blocks of voxels solved for", &|at| at.block as f64)?;
+    column("seconds", "s", "time since the beginning", &|at| at.seconds)?;
+    column("misfit", "1", "mean squared residual over its standard error", &|at| at.misfit)?;
+    if history.iter().all(|at| at.relative_error.is_some() && at.mass_error.is_some()) {
+        let missing = |value: Option<f64>| value.unwrap_or(f64::NAN);
+        column("relative_error", "1", "relative error epsilon", &|at| missing(at.relative_error))?;
+        column("mass_error", "1", "relative error of the mass delta", &|at| {
+            missing(at.mass_error)
+        })?;
+    }
+    Ok(())
+}
