@@ -10,7 +10,8 @@ use deepct_core::optics::{
 use deepct_core::rng::{Purpose, RngExt, stream};
 use deepct_core::scene::{Boundary, Formation, Scene, Sun, Surface, View, Waves};
 use deepct_core::transport::{
-    FluxSettings, MonteCarloSettings, Radiance, Rendering, Solver, Watch, fluxes, radiances, render,
+    FluxSettings, MonteCarloSettings, Radiance, Rendering, Share, Solver, Watch, fluxes, radiances,
+    render,
 };
 use deepct_core::validation::{Effort, Suite, validate};
 use ndarray::Array3;
@@ -183,38 +184,74 @@ fn sun_and_camera_may_change_places() {
     agree("reciprocity", there, total(directions[1], directions[0]), 0.0);
 }
 
+/// A lossy, open or periodic cloud in air above a bright sea with waves.
+fn world(boundary: Boundary) -> Scene {
+    let surface = Surface {
+        altitude: 0.3,
+        waves: Some(Waves::new(7.0).unwrap()),
+        ..Surface::lambertian(0.3)
+    };
+    let scene = Scene::new(lumps(0.9), Sun::from_degrees(30.0, 45.0).unwrap(), surface).unwrap();
+    scene.with_boundary(boundary).with_air(Air::new(0.35).unwrap())
+}
+
 /// The image seen from far above has the flux that photons from the Sun have.
 #[test]
 fn images_and_photons_agree() {
-    let medium = lumps(0.9);
-    let grid = medium.extinction.grid;
-    let scene = Scene::new(medium, Sun::from_degrees(30.0, 45.0).unwrap(), Surface::BLACK).unwrap();
-    let scene = scene.with_boundary(Boundary::Periodic);
-    let photons = fluxes(&scene, FluxSettings { photons: 400_000, seed: 2 }).unwrap();
-    let shares = [photons.reflected, photons.transmitted, photons.absorbed];
-    let sum: f64 = shares.iter().map(|share| share.mean).sum();
-    let noise: f64 = shares.iter().map(|share| share.standard_error).sum();
-    assert!((sum - 1.0).abs() < 3.0 * noise && photons.sides.mean == 0.0, "{photons:?}");
+    let in_air = world(Boundary::Periodic);
+    let bare = Scene { surface: Surface::BLACK, air: None, ..in_air.clone() };
+    for scene in [bare, in_air] {
+        let photons = fluxes(&scene, FluxSettings { photons: 400_000, seed: 2 }).unwrap();
+        let grid = scene.medium.extinction.grid;
+        let mut rng = stream(6, Purpose::Transport, &[]);
+        let rays: Vec<Ray> = (0..20_000)
+            .map(|_| {
+                let place = DVec3::new(rng.random(), rng.random(), 1.0);
+                let cosine = rng.random::<f64>().sqrt();
+                let away = deflect(DVec3::Z, cosine, 2.0 * PI * rng.random::<f64>());
+                let origin = grid.lower() + grid.extent() * place + 90.0 / away.z * away;
+                Ray { origin, direction: -away }
+            })
+            .collect();
+        let found = radiances(&scene, &rays, &monte_carlo(4, None)).unwrap();
+        let count = found.len() as f64;
+        let sum: f64 = found.iter().map(|radiance| radiance.mean).sum();
+        let squares: f64 = found.iter().map(|radiance| radiance.mean.powi(2)).sum();
+        let error = (squares / count - (sum / count).powi(2)).sqrt() / count.sqrt();
+        let scale = PI / scene.sun.zenith.cos();
+        let reflected = Radiance { mean: scale * sum / count, standard_error: scale * error };
+        assert!(reflected.standard_error < 0.01 && photons.sides.mean == 0.0);
+        agree("light to space", reflected, radiance_of(photons.upward), 0.0);
+    }
+}
 
-    let mut rng = stream(6, Purpose::Transport, &[]);
-    let rays: Vec<Ray> = (0..20_000)
-        .map(|_| {
-            let place = DVec3::new(rng.random(), rng.random(), 1.0);
-            let cosine = rng.random::<f64>().sqrt();
-            let away = deflect(DVec3::Z, cosine, 2.0 * PI * rng.random::<f64>());
-            Ray { origin: grid.lower() + grid.extent() * place + away, direction: -away }
-        })
-        .collect();
-    let found = radiances(&scene, &rays, &monte_carlo(4, None)).unwrap();
-    let count = found.len() as f64;
-    let sum: f64 = found.iter().map(|radiance| radiance.mean).sum();
-    let squares: f64 = found.iter().map(|radiance| radiance.mean.powi(2)).sum();
-    let error = (squares / count - (sum / count).powi(2)).sqrt() / count.sqrt();
-    let scale = PI / scene.sun.zenith.cos();
-    let reflected = Radiance { mean: scale * sum / count, standard_error: scale * error };
-    let expected =
-        Radiance { mean: photons.reflected.mean, standard_error: photons.reflected.standard_error };
-    agree("reflected share", reflected, expected, 0.0);
+fn radiance_of(share: Share) -> Radiance {
+    Radiance { mean: share.mean, standard_error: share.standard_error }
+}
+
+/// All light is somewhere: what the four faces and the droplets take is what came, and so is
+/// what is in space, in the surface and in the droplets in the end.
+#[test]
+fn light_is_neither_made_nor_lost() {
+    for boundary in [Boundary::Open, Boundary::Periodic] {
+        let in_air = world(boundary);
+        let bare = Scene { surface: Surface::BLACK, air: None, ..in_air.clone() };
+        let white = Surface { altitude: 0.3, ..Surface::lambertian(1.0) };
+        let white = Scene { surface: white, medium: lumps(1.0), ..in_air.clone() };
+        for scene in [&in_air, &bare, &white] {
+            let found = fluxes(scene, FluxSettings { photons: 200_000, seed: 3 }).unwrap();
+            for shares in [
+                vec![found.reflected, found.transmitted, found.sides, found.absorbed],
+                vec![found.upward, found.downward, found.absorbed],
+            ] {
+                let sum: f64 = shares.iter().map(|share| share.mean).sum();
+                let noise: f64 = shares.iter().map(|share| share.standard_error.powi(2)).sum();
+                assert!((sum - 1.0).abs() < 3.0 * noise.sqrt(), "{sum}: {found:?}");
+            }
+        }
+        let sent_back = fluxes(&white, FluxSettings { photons: 20_000, seed: 3 }).unwrap().upward;
+        assert!((sent_back.mean - 1.0).abs() < 1e-9, "{sent_back:?}");
+    }
 }
 
 /// The similar medium is an approximation, but a close one.

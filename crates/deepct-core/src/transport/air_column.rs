@@ -40,6 +40,11 @@ impl AirColumn {
         self.total() == 0.0
     }
 
+    /// Altitude above which there is no air (km).
+    pub(super) fn top(&self) -> f64 {
+        TOP
+    }
+
     /// Optical depth on a path from an altitude to another one (km), in a direction that
     /// has the upward component `rise`.
     #[inline]

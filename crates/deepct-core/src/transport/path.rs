@@ -295,7 +295,7 @@ impl Tracer {
 
 /// A number from the exponential distribution: an optical depth.
 #[inline]
-fn exponential(rng: &mut Stream) -> f64 {
+pub(super) fn exponential(rng: &mut Stream) -> f64 {
     -(1.0 - rng.random::<f64>()).ln()
 }
 
@@ -310,6 +310,7 @@ pub(super) fn survives(throughput: &mut f64, least: f64, rng: &mut Stream) -> bo
     *throughput = least;
     lives
 }
+
 /// A unit vector at an angle of the given cosine to `axis`, at a random azimuth: a
 /// point in the unit disc gives the azimuth without trigonometry (von Neumann 1951),
 /// the frame is that of Duff et al. (2017).
