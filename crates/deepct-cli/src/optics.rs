@@ -1,8 +1,10 @@
-//! The settings of `deepct render` that tell what a cloud does to light.
+//! The settings of `deepct render` and `deepct score` that tell what a cloud does to light.
 
 use deepct_core::cloud::{Cloud, Microphysics};
+use deepct_core::grid::Volume;
 use deepct_core::optics::{
-    DropletSettings, DropletTable, Medium, PhaseFunction, SizeDistribution, extinction,
+    DropletSettings, DropletTable, Medium, PhaseFunction, SizeDistribution, droplet_extinction,
+    extinction,
 };
 use deepct_core::{Error, Result};
 use serde::{Deserialize, Serialize};
@@ -21,6 +23,7 @@ pub(crate) struct RenderSettings {
 #[derive(Debug, Clone, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct OpticsSettings {
+    extinction: Extinction,
     phase: Phase,
     asymmetry: f64,
     single_scattering_albedo: f64,
@@ -29,6 +32,14 @@ pub(crate) struct OpticsSettings {
     effective_variance: Option<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
     effective_radius: Option<f32>,
+}
+
+/// Where the extinction of droplets comes from, by its name.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize)]
+#[serde(rename_all = "lowercase")]
+enum Extinction {
+    Geometric,
+    Mie,
 }
 
 /// A phase function by its name.
@@ -42,36 +53,64 @@ enum Phase {
 
 impl RenderSettings {
     /// The medium that the settings make of a cloud.
-    pub(crate) fn medium(&self, cloud: Cloud) -> Result<Medium> {
+    pub(crate) fn medium(&self, mut cloud: Cloud) -> Result<Medium> {
         let optics = &self.optics;
-        let phase = match optics.phase {
-            Phase::Mie => return self.droplets(cloud),
-            Phase::Hg => PhaseFunction::henyey_greenstein(optics.asymmetry)?,
-            Phase::Isotropic => PhaseFunction::Isotropic,
+        if optics.phase == Phase::Mie {
+            cloud.microphysics = Some(self.droplets(&cloud)?);
+        }
+        let by_droplets = optics.extinction == Extinction::Mie && cloud.extinction.is_none();
+        let table = match optics.phase == Phase::Mie || by_droplets {
+            true => Some(Arc::new(self.table(&cloud)?)),
+            false => None,
         };
-        Medium::new(extinction(&cloud)?, optics.single_scattering_albedo, phase)
+        let extinction = match &table {
+            Some(table) if by_droplets => droplet_extinction(&cloud, table)?,
+            _ => extinction(&cloud)?,
+        };
+        let phase = match (optics.phase, table) {
+            (Phase::Mie, Some(table)) => {
+                cloud.extinction = Some(extinction.values);
+                return Medium::from_droplets(&cloud, table);
+            }
+            (Phase::Isotropic, _) => PhaseFunction::Isotropic,
+            _ => PhaseFunction::henyey_greenstein(optics.asymmetry)?,
+        };
+        Medium::new(extinction, optics.single_scattering_albedo, phase)
     }
 
-    fn droplets(&self, mut cloud: Cloud) -> Result<Medium> {
-        let droplets = match (cloud.microphysics.take(), self.optics.effective_radius) {
-            (Some(droplets), None) => droplets,
-            (None, Some(radius)) => Microphysics::of_one_size(cloud.grid.shape, radius),
+    /// The extinction (1/km) of that medium.
+    pub(crate) fn extinction(&self, cloud: &Cloud) -> Result<Volume> {
+        if self.optics.extinction == Extinction::Geometric || cloud.extinction.is_some() {
+            return extinction(cloud);
+        }
+        droplet_extinction(cloud, &self.table(cloud)?)
+    }
+
+    /// The droplets of the cloud, or those of one size that the settings give it.
+    fn droplets(&self, cloud: &Cloud) -> Result<Microphysics> {
+        match (&cloud.microphysics, self.optics.effective_radius) {
+            (Some(droplets), None) => Ok(droplets.clone()),
+            (None, Some(radius)) => Ok(Microphysics::of_one_size(cloud.grid.shape, radius)),
             (Some(_), Some(radius)) => {
                 let range = "left out, as the cloud has its own radii";
-                return Err(Error::out_of_range("optics.effective_radius", radius, range));
+                Err(Error::out_of_range("optics.effective_radius", radius, range))
             }
             (None, None) => {
                 let range = "set (um) for a cloud that is known by its extinction alone";
-                return Err(Error::out_of_range("optics.effective_radius", "not set", range));
+                Err(Error::out_of_range("optics.effective_radius", "not set", range))
             }
-        };
-        let mean = droplets.mean_effective_variance();
-        let settings = DropletSettings {
-            effective_variance: self.optics.effective_variance.unwrap_or(mean),
+        }
+    }
+
+    /// The optics of the cloud's droplets at the wavelength.
+    fn table(&self, cloud: &Cloud) -> Result<DropletTable> {
+        let water = DropletSettings::water(self.wavelength);
+        let mean = cloud.microphysics.as_ref().map(Microphysics::mean_effective_variance);
+        let variance = self.optics.effective_variance.or(mean);
+        DropletTable::of(&DropletSettings {
+            effective_variance: variance.unwrap_or(water.effective_variance),
             distribution: self.optics.distribution,
-            ..DropletSettings::water(self.wavelength)
-        };
-        cloud.microphysics = Some(droplets);
-        Medium::from_droplets(&cloud, Arc::new(DropletTable::of(&settings)?))
+            ..water
+        })
     }
 }

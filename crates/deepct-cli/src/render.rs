@@ -9,7 +9,9 @@ use deepct_core::io::{Provenance, read_cloud, write_exr, write_observation};
 use deepct_core::optics::air::Air;
 use deepct_core::plot::contact_sheet;
 use deepct_core::scene::{Observation, Scene, Sun, Surface, VIEW_FILE_HELP, View, ViewList, Waves};
-use deepct_core::transport::{MonteCarloSettings, Rendering, Solver, render};
+use deepct_core::transport::{
+    FluxSettings, Fluxes, MonteCarloSettings, Rendering, Solver, fluxes, render,
+};
 use deepct_core::{Error, Result};
 use std::path::{Path, PathBuf};
 
@@ -68,6 +70,17 @@ pub(crate) struct Args {
     /// files have the wavelength in their names, as in I-0.672um.nc
     #[arg(long, value_name = "UM", value_delimiter = ',')]
     wavelength: Vec<f64>,
+    /// Also follow this many photons from the Sun [default: 1000000], and print where the
+    /// light goes that shines on the top of the cloud's grid
+    #[arg(
+        long,
+        value_name = "PHOTONS",
+        num_args = 0..=1,
+        require_equals = true,
+        default_missing_value = "1000000",
+        value_parser = clap::value_parser!(u64).range(2..)
+    )]
+    fluxes: Option<u64>,
     #[command(flatten)]
     settings: config::Settings,
     /// File of images to write
@@ -183,6 +196,9 @@ impl Args {
             println!("brightest  {:.5} sr-1", observation.images.brightest());
             println!("noise      {:.2} % of the mean", 100.0 * noise);
         }
+        if let Some(photons) = self.fluxes.filter(|_| !rendering.interrupted) {
+            print_fluxes(&fluxes(scene, FluxSettings { photons, seed: global.seed })?);
+        }
         Ok(rendering.interrupted)
     }
 
@@ -196,6 +212,22 @@ impl Args {
             similarity_after: self.similarity_after,
         });
         render(scene, views, &solver, &RenderProgress::start(global, "render"))
+    }
+}
+
+/// A row for each share of the light, with its standard error.
+fn print_fluxes(fluxes: &Fluxes) {
+    println!("light on the top of the grid    share    error");
+    for (what, share) in [
+        ("out through the top", fluxes.reflected),
+        ("out through the bottom", fluxes.transmitted),
+        ("out through the sides", fluxes.sides),
+        ("absorbed by droplets", fluxes.absorbed),
+        ("in the end in space", fluxes.upward),
+        ("in the end in the surface", fluxes.downward),
+        ("unscattered at the surface", fluxes.unscattered),
+    ] {
+        println!("{what:<26}  {:9.6}  {:.6}", share.mean, share.standard_error);
     }
 }
 

@@ -1,14 +1,19 @@
 //! `deepct score`: how far estimates are from the truth.
 
 use crate::Outcome;
+use crate::config;
 use crate::global::Global;
+use crate::optics::RenderSettings;
 use deepct_core::grid::Volume;
 use deepct_core::io::{read_cloud, read_mask};
 use deepct_core::metrics::{MaskScores, Scores, check_truth, score, score_mask};
-use deepct_core::{Error, Result, optics};
+use deepct_core::{Error, Result};
 use std::path::{Path, PathBuf};
 
 /// Compare volumes and masks with the truth, a row per file
+///
+/// The extinction of a cloud that is known by its droplets follows from the settings of
+/// `deepct config render`: those that the images were rendered with.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
     /// The true cloud
@@ -20,6 +25,8 @@ pub(crate) struct Args {
     /// Print one JSON array with all scores and profiles
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    settings: config::Settings,
 }
 
 /// The scores of one file.
@@ -39,10 +46,14 @@ enum Kind {
 }
 
 pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
-    let truth = read_extinction(&args.truth)?;
+    let settings: RenderSettings = args.settings.resolve(crate::render::DEFAULTS)?;
+    let truth = read_extinction(&args.truth, &settings)?;
     check_truth(&truth).map_err(Error::in_file(&args.truth))?;
-    let rows =
-        args.estimates.iter().map(|file| score_file(&truth, file)).collect::<Result<Vec<_>>>()?;
+    let rows = args
+        .estimates
+        .iter()
+        .map(|file| score_file(&truth, file, &settings))
+        .collect::<Result<Vec<_>>>()?;
     if args.json {
         println!("{}", serde_json::to_string_pretty(&rows).expect("scores are plain numbers"));
         return Ok(Outcome::Success);
@@ -54,13 +65,13 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
     Ok(Outcome::Success)
 }
 
-fn read_extinction(path: &Path) -> Result<Volume> {
-    optics::extinction(&read_cloud(path)?).map_err(Error::in_file(path))
+fn read_extinction(path: &Path, settings: &RenderSettings) -> Result<Volume> {
+    settings.extinction(&read_cloud(path)?).map_err(Error::in_file(path))
 }
 
 /// The scores of a volume, or of a mask where the file holds nothing else.
-fn score_file<'a>(truth: &Volume, file: &'a Path) -> Result<Row<'a>> {
-    let scores = match (read_extinction(file), read_mask(file)) {
+fn score_file<'a>(truth: &Volume, file: &'a Path, settings: &RenderSettings) -> Result<Row<'a>> {
+    let scores = match (read_extinction(file, settings), read_mask(file)) {
         (Ok(estimate), _) => score(truth, &estimate).map(Kind::Volume),
         (Err(_), Ok(mask)) => score_mask(truth, &mask).map(Kind::Mask),
         (Err(problem), Err(_)) => Err(problem),

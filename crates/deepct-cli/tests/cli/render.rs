@@ -1,7 +1,7 @@
 use crate::program::Program;
-use deepct_core::cloud::Cloud;
+use deepct_core::cloud::{Cloud, Microphysics};
 use deepct_core::grid::{Grid, Volume};
-use deepct_core::io::{Provenance, read_observation, write_cloud};
+use deepct_core::io::{Provenance, read_observation, write_cloud, write_volume};
 use deepct_core::math::DVec3;
 use ndarray::Array3;
 
@@ -50,6 +50,59 @@ fn droplets_scatter_by_their_size() {
     assert!(observation.images.brightest() > 0.0);
     program.refuse(&format!("{render} --set optics.effective_radius=90.0"), &["90 um", "25 um"]);
     program.refuse(&format!("{render} --set optics.phase=magic"), &["magic", "config render"]);
+}
+
+/// Three voxels side by side with 0.3 g/m3 of water in droplets of 10 um in the middle.
+fn droplets(program: &Program, name: &str) {
+    let grid = Grid::new(DVec3::ZERO, DVec3::splat(0.05), [1, 1, 3]).unwrap();
+    let at = |value| Array3::from_shape_vec((1, 1, 3), vec![0.0, value, 0.0]).unwrap();
+    let droplets = Microphysics {
+        liquid_water_content: at(0.3),
+        effective_radius: at(10.0),
+        effective_variance: at(0.1),
+    };
+    let cloud = Cloud::from_microphysics(grid, droplets).unwrap();
+    let provenance = Provenance { title: "A test".into(), configuration: String::new(), seed: 0 };
+    write_cloud(program.path(name), &cloud, &provenance).unwrap();
+}
+
+/// What is scored is what was rendered: 45 km-1 by whatever phase function, and 2.104 / 2 of
+/// that where Mie's extinction is asked for. It shows in what comes through unscattered.
+#[test]
+fn rendering_and_scoring_take_the_same_extinction() {
+    let program = Program::new();
+    droplets(&program, "C.nc");
+    let render = "render C.nc --views cloudct-10 --samples 2 --out I.nc --sun-zenith 0 --fluxes";
+    let share = |text: &str, what: &str| -> f64 {
+        let row = text.lines().find(|line| line.contains(what)).unwrap();
+        row.split_whitespace().rev().nth(1).unwrap().parse().unwrap()
+    };
+    let truth = |extinction: f64| {
+        let grid = Grid::new(DVec3::ZERO, DVec3::splat(0.05), [1, 1, 3]).unwrap();
+        let values = vec![0.0, extinction as f32, 0.0];
+        let values = Array3::from_shape_vec((1, 1, 3), values).unwrap();
+        let volume = Volume::new(grid, values).unwrap();
+        let provenance = Provenance { title: "V".into(), configuration: String::new(), seed: 0 };
+        write_volume(program.path("V.nc"), &volume, &provenance).unwrap();
+    };
+    for (settings, extinction) in [
+        ("--set optics.phase=hg", 45.0),
+        ("--set optics.phase=mie", 45.0),
+        ("--set optics.phase=mie --set optics.extinction=mie", 47.34),
+    ] {
+        let text = program.succeed(&format!("{render} {settings}"));
+        let unscattered = share(&text, "unscattered");
+        let expected = 2.0 / 3.0 + f64::exp(-0.05 * extinction) / 3.0;
+        assert!((unscattered - expected).abs() < 1e-3, "{settings}: {unscattered} {expected}");
+        truth(extinction);
+        let score = format!("score --truth C.nc V.nc --json {settings}");
+        let rows: serde_json::Value = serde_json::from_str(&program.succeed(&score)).unwrap();
+        let error = rows[0]["relative_error"].as_f64().unwrap();
+        assert!(error < 2e-3, "{settings}: {error}");
+        let faces = ["the top  ", "the bottom", "the sides", "by droplets"];
+        let sum: f64 = faces.map(|face| share(&text, face)).iter().sum();
+        assert!((sum - 1.0).abs() < 1e-5, "{text}");
+    }
 }
 
 #[test]
