@@ -7,6 +7,7 @@
 pub mod air;
 mod droplet_table;
 mod mie;
+mod moments;
 mod phase;
 mod population;
 mod scattering;

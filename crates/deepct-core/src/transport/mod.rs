@@ -11,6 +11,7 @@ mod air_column;
 mod field;
 mod guide;
 mod monte_carlo;
+pub mod ordinates;
 mod path;
 mod peak;
 mod photons;

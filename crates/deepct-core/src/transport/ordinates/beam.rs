@@ -1,0 +1,165 @@
+//! Sunlight that was not scattered yet.
+
+use super::lattice::{Lattice, Segment, basis};
+use super::optics::Optics;
+use crate::math::{DVec3, Ray};
+use rayon::prelude::*;
+
+/// Optical depths beyond this let no light through.
+const DARK: f64 = 40.0;
+/// Parts of the work of one derivative, each with an array of its own.
+pub(super) const PARTS: usize = 4;
+/// Nodes of the Gauss-Legendre rules with two and three points on [0, 1], and weights.
+const TWO: [f64; 2] = [0.211_324_865_405_187_13, 0.788_675_134_594_812_9];
+const THREE: [(f64, f64); 3] = [
+    (0.112_701_665_379_258_3, 5.0 / 18.0),
+    (0.5, 8.0 / 18.0),
+    (0.887_298_334_620_741_7, 5.0 / 18.0),
+];
+
+/// The field that rays go through.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Rays<'a> {
+    pub(super) lattice: &'a Lattice,
+    pub(super) optics: &'a Optics,
+    /// Extinction by voxel (1/km).
+    pub(super) extinction: &'a [f32],
+}
+
+impl Rays<'_> {
+    /// Optical depth of a part of a ray, the forward peak left out.
+    #[inline]
+    fn depth_of(&self, segment: &Segment) -> f64 {
+        let Some(slot) = segment.slot else { return 0.0 };
+        let reach = segment.to - segment.from;
+        let value = |x| self.lattice.value(self.extinction, slot, segment.from + x * reach);
+        let mean = 0.5 * (value(TWO[0]) + value(TWO[1]));
+        f64::from(self.optics.kept(slot)) * segment.length * mean
+    }
+
+    /// Optical depth along a ray.
+    pub(super) fn depth(&self, ray: Ray) -> f64 {
+        let mut depth = 0.0;
+        for segment in self.lattice.segments(ray) {
+            depth += self.depth_of(&segment);
+            if depth > DARK {
+                break;
+            }
+        }
+        depth
+    }
+
+    /// Add to the derivative by voxel what follows from one by the depth along a ray.
+    pub(super) fn spread_depth(&self, ray: Ray, value: f64, into: &mut [f64]) {
+        for segment in self.lattice.segments(ray) {
+            let Some(slot) = segment.slot else { continue };
+            let weight = 0.5 * value * f64::from(self.optics.kept(slot)) * segment.length;
+            for x in TWO {
+                let at = segment.from + x * (segment.to - segment.from);
+                self.lattice.spread(into, slot, at, weight);
+            }
+        }
+    }
+
+    /// Optical depths towards the Sun from eight points of each active cell.
+    pub(super) fn sun_depths(&self, sun: DVec3) -> Vec<[f32; 8]> {
+        let from = |slot: usize| {
+            std::array::from_fn(|point| self.depth(self.sun_ray(slot, point, sun)) as f32)
+        };
+        (0..self.lattice.len()).into_par_iter().map(from).collect()
+    }
+
+    /// The transpose of the derivative of [`Rays::sun_depths`].
+    pub(super) fn spread_sun_depths(&self, sun: DVec3, values: &[[f32; 8]], into: &mut [f64]) {
+        let voxels = into.len();
+        let size = values.len().div_ceil(PARTS).max(1);
+        let parts: Vec<Vec<f64>> = (0..PARTS)
+            .into_par_iter()
+            .map(|part| {
+                let mut sums = vec![0.0; voxels];
+                let first = (part * size).min(values.len());
+                for (offset, values) in values[first..].iter().take(size).enumerate() {
+                    for (point, value) in values.iter().enumerate().filter(|(_, v)| **v != 0.0) {
+                        let ray = self.sun_ray(first + offset, point, sun);
+                        self.spread_depth(ray, f64::from(*value), &mut sums);
+                    }
+                }
+                sums
+            })
+            .collect();
+        add_all(into, &parts);
+    }
+
+    fn sun_ray(&self, slot: usize, point: usize, sun: DVec3) -> Ray {
+        let at = DVec3::new(TWO[point & 1], TWO[point >> 1 & 1], TWO[point >> 2]);
+        Ray { origin: self.lattice.point(slot, at), direction: sun }
+    }
+
+    /// Mean and slopes of the sunlight that is stopped in each active cell, for a Sun of
+    /// unit irradiance.
+    pub(super) fn stopped(&self, depths: &[[f32; 8]]) -> Vec<[f32; 4]> {
+        let stopped = |slot: usize| {
+            let mut sums = [0.0; 4];
+            for (at, weight) in cubature() {
+                let value = weight * self.lattice.value(self.extinction, slot, at);
+                let light = value * (-sun_depth(&depths[slot], at)).exp();
+                for (sum, function) in sums.iter_mut().zip(basis(at)) {
+                    *sum += light * function;
+                }
+            }
+            sums.map(|sum| sum as f32)
+        };
+        (0..self.lattice.len()).into_par_iter().map(stopped).collect()
+    }
+
+    /// The transpose of the derivative of [`Rays::stopped`]: by voxel, and by depth.
+    pub(super) fn spread_stopped(
+        &self,
+        depths: &[[f32; 8]],
+        values: &[[f32; 4]],
+        into: &mut [f64],
+        by_depth: &mut [[f32; 8]],
+    ) {
+        for (slot, values) in values.iter().enumerate() {
+            for (at, weight) in cubature() {
+                let value: f64 =
+                    basis(at).iter().zip(values).map(|(b, value)| b * f64::from(*value)).sum();
+                let light = weight * value * (-sun_depth(&depths[slot], at)).exp();
+                let stopped = light * self.lattice.value(self.extinction, slot, at);
+                self.lattice.spread(into, slot, at, light);
+                spread_sun_depth(&mut by_depth[slot], at, -stopped);
+            }
+        }
+    }
+}
+
+/// Add arrays to one.
+pub(super) fn add_all(into: &mut [f64], parts: &[Vec<f64>]) {
+    for part in parts {
+        into.iter_mut().zip(part).for_each(|(sum, value)| *sum += value);
+    }
+}
+
+/// Points of a cell and their weights.
+fn cubature() -> impl Iterator<Item = (DVec3, f64)> {
+    (0..27).map(|n| {
+        let [(x, a), (y, b), (z, c)] = [THREE[n % 3], THREE[n / 3 % 3], THREE[n / 9]];
+        (DVec3::new(x, y, z), a * b * c)
+    })
+}
+
+/// Optical depth towards the Sun at a place in a cell: linear along each axis.
+#[inline]
+pub(super) fn sun_depth(depths: &[f32; 8], at: DVec3) -> f64 {
+    let weights = super::lattice::corner_weights((at - TWO[0]) / (TWO[1] - TWO[0]));
+    depths.iter().zip(weights).map(|(depth, weight)| weight * f64::from(*depth)).sum()
+}
+
+/// The transpose of [`sun_depth`].
+#[inline]
+pub(super) fn spread_sun_depth(depths: &mut [f32; 8], at: DVec3, value: f64) {
+    let weights = super::lattice::corner_weights((at - TWO[0]) / (TWO[1] - TWO[0]));
+    for (depth, weight) in depths.iter_mut().zip(weights) {
+        *depth += (weight * value) as f32;
+    }
+}

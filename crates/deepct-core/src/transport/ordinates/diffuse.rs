@@ -1,0 +1,334 @@
+//! Diffuse radiance: sweeps through all octants until scattering and transport agree.
+
+use super::beam::Rays;
+use super::lattice::Lattice;
+use super::quadrature::{Octant, Quadrature, degrees};
+use super::sweep::{Faces, Medium, Visit, add_moments, sweep};
+use crate::scene::Boundary;
+use pulp::Simd;
+use rayon::prelude::*;
+
+/// Octants whose moments are added in one array; the others have arrays of their own, on
+/// other threads.
+const TOGETHER: usize = 2;
+/// Directions kept by the iteration before it starts anew.
+const RESTART: usize = 8;
+
+/// The diffuse radiance: its moments in the active cells and, between periodic sides, what
+/// comes in through them.
+#[derive(Debug, Clone)]
+pub(super) struct Field {
+    /// `[slot][4][harmonic]`.
+    pub(super) moments: Vec<f32>,
+    /// By octant; empty between open sides.
+    sides: Vec<Faces>,
+}
+
+/// The linear problem: a medium without its forward peak.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Transport<'a> {
+    pub(super) rays: Rays<'a>,
+    pub(super) quadrature: &'a Quadrature,
+    /// Mean and slopes of the extinction of each active cell, with the peak.
+    pub(super) whole: &'a [[f32; 4]],
+    /// Without the peak.
+    pub(super) kept: &'a [[f32; 4]],
+}
+
+impl Transport<'_> {
+    fn lattice(&self) -> &Lattice {
+        self.rays.lattice
+    }
+
+    fn medium(&self) -> Medium<'_> {
+        Medium { lattice: self.lattice(), extinction: self.kept }
+    }
+
+    /// No radiance.
+    pub(super) fn dark(&self) -> Field {
+        let octants = &self.quadrature.octants;
+        let sides = match self.lattice().boundary {
+            Boundary::Open => Vec::new(),
+            Boundary::Periodic => octants
+                .iter()
+                .map(|octant| only_sides(Faces::dark(self.lattice(), octant)))
+                .collect(),
+        };
+        Field { moments: vec![0.0; self.lattice().len() * 4 * self.quadrature.harmonics], sides }
+    }
+
+    /// Faces of an octant with what comes in through them.
+    fn incoming(&self, field: &Field, number: usize, octant: &Octant) -> Faces {
+        let dark = Faces::dark(self.lattice(), octant);
+        match field.sides.get(number) {
+            None => dark,
+            Some(sides) => Faces { z: dark.z, ..sides.clone() },
+        }
+    }
+
+    /// The light that moments of radiance scatter: a source by cell.
+    pub(super) fn scatter(&self, moments: &[f32]) -> Vec<f32> {
+        let count = self.quadrature.harmonics;
+        let mut source = vec![0.0; moments.len()];
+        let cells = source.par_chunks_mut(4 * count).zip(moments.par_chunks(4 * count));
+        cells.enumerate().for_each(|(slot, (source, moments))| {
+            let by = self.rays.optics.scattered(slot);
+            let [mean, x, y, z] = self.whole[slot];
+            let row = |m: usize| &moments[m * count..][..count];
+            for (axis, slope) in [x, y, z].into_iter().enumerate() {
+                let into = &mut source[(axis + 1) * count..][..count];
+                for (h, value) in into.iter_mut().enumerate() {
+                    *value = by[h] * (mean * row(axis + 1)[h] + slope * row(0)[h]);
+                }
+            }
+            for (h, value) in source[..count].iter_mut().enumerate() {
+                *value = by[h] * (mean * row(0)[h] + x * row(1)[h] + y * row(2)[h] + z * row(3)[h]);
+            }
+        });
+        source
+    }
+
+    /// The radiance of a source, with what came in through the sides; and what comes in
+    /// next.
+    pub(super) fn sweep(&self, source: &[f32], field: &Field) -> Field {
+        let octants: Vec<(usize, &Octant)> = self.quadrature.octants.iter().enumerate().collect();
+        let together = |octants: &[(usize, &Octant)]| {
+            let mut moments = Moments { values: vec![0.0; source.len()] };
+            let mut sides = Vec::new();
+            for (number, octant) in octants {
+                let mut faces = self.incoming(field, *number, octant);
+                sweep(self.medium(), octant, source, &mut faces, &mut moments);
+                if !field.sides.is_empty() {
+                    sides.push(only_sides(faces));
+                }
+            }
+            Field { moments: moments.values, sides }
+        };
+        let parts: Vec<Field> = octants.par_chunks(TOGETHER).map(together).collect();
+        let mut parts = parts.into_iter();
+        let mut whole = parts.next().expect("eight octants");
+        for part in parts {
+            let pairs = whole.moments.par_iter_mut().zip(&part.moments);
+            pairs.for_each(|(sum, value)| *sum += value);
+            whole.sides.extend(part.sides);
+        }
+        whole
+    }
+
+    /// What comes of a field and a source of its own in one more sweep.
+    fn next(&self, field: &Field, own: &[f32]) -> Field {
+        let mut source = self.scatter(&field.moments);
+        source.par_iter_mut().zip(own).for_each(|(sum, value)| *sum += value);
+        self.sweep(&source, field)
+    }
+
+    /// The radiance of a source that is scattered on and on, from a first guess, and the
+    /// number of sweeps: by the generalised minimal residual method (Saad and Schultz 1986)
+    /// until the change of a sweep is less than `tolerance` of the radiance.
+    pub(super) fn solve(
+        &self,
+        own: &[f32],
+        mut field: Field,
+        tolerance: f64,
+        most_sweeps: usize,
+    ) -> (Field, usize) {
+        let mut sweeps = 0;
+        loop {
+            let next = self.next(&field, own);
+            sweeps += 1;
+            let mut change = next.clone();
+            change.add(-1.0, &field);
+            let (size, wanted) = (change.norm(), tolerance * next.norm());
+            if size <= wanted || sweeps >= most_sweeps {
+                return (next, sweeps);
+            }
+            sweeps += self.correct(&mut field, change, wanted);
+        }
+    }
+
+    /// Add to a field the combination of [`RESTART`] directions that leaves least of its
+    /// change in a sweep; the number of sweeps that this takes.
+    fn correct(&self, field: &mut Field, mut change: Field, wanted: f64) -> usize {
+        let size = change.norm();
+        change.scale(1.0 / size);
+        let mut directions = vec![change];
+        // The columns of the triangular matrix, the rotations that made it, and what is left.
+        let (mut columns, mut rotations) = (Vec::<Vec<f64>>::new(), Vec::<(f64, f64)>::new());
+        let mut left = vec![size];
+        for number in 0..RESTART {
+            let direction = &directions[number];
+            let mut image = direction.clone();
+            image.add(-1.0, &self.sweep(&self.scatter(&direction.moments), direction));
+            let mut column = Vec::new();
+            for direction in &directions {
+                let along = image.dot(direction);
+                image.add(-along, direction);
+                column.push(along);
+            }
+            let norm = image.norm();
+            for (row, (cosine, sine)) in rotations.iter().enumerate() {
+                let (a, b) = (column[row], column[row + 1]);
+                (column[row], column[row + 1]) = (cosine * a + sine * b, cosine * b - sine * a);
+            }
+            let length = column[number].hypot(norm);
+            let (cosine, sine) = (column[number] / length, norm / length);
+            column[number] = length;
+            let rest = left[number];
+            left[number] = cosine * rest;
+            left.push(-sine * rest);
+            columns.push(column);
+            rotations.push((cosine, sine));
+            if left[number + 1].abs() <= wanted || norm == 0.0 {
+                break;
+            }
+            image.scale(1.0 / norm);
+            directions.push(image);
+        }
+        let mut weights = vec![0.0; columns.len()];
+        for row in (0..columns.len()).rev() {
+            let known: f64 = (row + 1..columns.len()).map(|c| columns[c][row] * weights[c]).sum();
+            weights[row] = (left[row] - known) / columns[row][row];
+        }
+        for (weight, direction) in weights.iter().zip(&directions) {
+            field.add(*weight, direction);
+        }
+        columns.len()
+    }
+
+    /// The derivative by the mean and slopes of the extinction without the peak, of a
+    /// quantity that has the `adjoint` radiance.
+    pub(super) fn by_extinction(&self, [field, source]: [&(Field, Vec<f32>); 2]) -> Vec<[f32; 4]> {
+        let slots = self.lattice().len();
+        let octants: Vec<(usize, &Octant)> = self.quadrature.octants.iter().enumerate().collect();
+        let ((forward, forward_source), (adjoint, adjoint_source)) = (field, source);
+        let together = |octants: &[(usize, &Octant)]| {
+            let mut products = vec![[0.0; 4]; slots];
+            for (number, octant) in octants {
+                let opposite = 7 - number;
+                let mut radiance = Radiance { values: vec![0.0; slots * 4 * octant.ordinates] };
+                let mut faces = self.incoming(forward, *number, octant);
+                sweep(self.medium(), octant, forward_source, &mut faces, &mut radiance);
+                let other = &self.quadrature.octants[opposite];
+                let mut faces = self.incoming(adjoint, opposite, other);
+                let mut visit = Products { radiance: &radiance.values, sums: &mut products };
+                sweep(self.medium(), other, adjoint_source, &mut faces, &mut visit);
+            }
+            products
+        };
+        let parts: Vec<_> = octants.par_chunks(TOGETHER).map(together).collect();
+        let mut sums = vec![[0.0; 4]; slots];
+        for part in parts {
+            for (sum, part) in sums.iter_mut().zip(part) {
+                (0..4).for_each(|m| sum[m] -= part[m]);
+            }
+        }
+        sums
+    }
+}
+
+/// Only what leaves through the sides comes in again.
+fn only_sides(faces: Faces) -> Faces {
+    Faces { z: Vec::new(), ..faces }
+}
+
+/// Change the sign of the harmonics of odd degree: what the radiance would be if all light
+/// went backwards.
+pub(super) fn reverse(moments: &mut [f32], harmonics: usize) {
+    let odd: Vec<bool> = degrees(harmonics).map(|degree| degree % 2 == 1).collect();
+    for row in moments.chunks_exact_mut(harmonics) {
+        for (value, odd) in row.iter_mut().zip(&odd) {
+            if *odd {
+                *value = -*value;
+            }
+        }
+    }
+}
+
+impl Field {
+    fn parts(&self) -> impl Iterator<Item = &[f32]> {
+        let sides = self.sides.iter().flat_map(|faces| [&faces.x[..], &faces.y[..]]);
+        std::iter::once(&self.moments[..]).chain(sides)
+    }
+
+    fn parts_mut(&mut self) -> impl Iterator<Item = &mut [f32]> {
+        let sides = self.sides.iter_mut().flat_map(|faces| [&mut faces.x[..], &mut faces.y[..]]);
+        std::iter::once(&mut self.moments[..]).chain(sides)
+    }
+
+    fn dot(&self, other: &Self) -> f64 {
+        /// Numbers added in single precision, side by side.
+        const RUN: usize = 256;
+        let run =
+            |(a, b): (&[f32], &[f32])| f64::from(a.iter().zip(b).map(|(a, b)| a * b).sum::<f32>());
+        self.parts()
+            .zip(other.parts())
+            .map(|(a, b)| a.par_chunks(RUN).zip(b.par_chunks(RUN)).map(run).collect::<Vec<_>>())
+            .map(|runs| runs.iter().sum::<f64>())
+            .sum()
+    }
+
+    fn norm(&self) -> f64 {
+        self.dot(self).sqrt()
+    }
+
+    /// Add `factor` times another field.
+    fn add(&mut self, factor: f64, other: &Self) {
+        let factor = factor as f32;
+        for (into, values) in self.parts_mut().zip(other.parts()) {
+            into.par_iter_mut().zip(values).for_each(|(into, value)| *into += factor * value);
+        }
+    }
+
+    fn scale(&mut self, factor: f64) {
+        let factor = factor as f32;
+        self.parts_mut().for_each(|part| part.par_iter_mut().for_each(|value| *value *= factor));
+    }
+}
+
+/// Adds up moments, `[slot][4][harmonic]`.
+struct Moments {
+    values: Vec<f32>,
+}
+
+impl Visit for Moments {
+    #[inline(always)]
+    fn cell<S: Simd>(&mut self, simd: S, octant: &Octant, slot: usize, radiance: &[f32]) {
+        let size = 4 * octant.to_moments.len() / octant.ordinates;
+        add_moments(simd, octant, radiance, &mut self.values[slot * size..][..size]);
+    }
+}
+
+/// Keeps the radiance, `[slot][4][ordinate]`.
+struct Radiance {
+    values: Vec<f32>,
+}
+
+impl Visit for Radiance {
+    #[inline(always)]
+    fn cell<S: Simd>(&mut self, _: S, _: &Octant, slot: usize, radiance: &[f32]) {
+        self.values[slot * radiance.len()..][..radiance.len()].copy_from_slice(radiance);
+    }
+}
+
+/// Multiplies with a radiance of the opposite octant: what mean and slopes of the
+/// extinction do to it.
+struct Products<'a> {
+    radiance: &'a [f32],
+    sums: &'a mut [[f32; 4]],
+}
+
+impl Visit for Products<'_> {
+    #[inline(always)]
+    fn cell<S: Simd>(&mut self, _: S, octant: &Octant, slot: usize, radiance: &[f32]) {
+        let other = &self.radiance[slot * radiance.len()..][..radiance.len()];
+        let n = octant.ordinates;
+        let weights = &octant.weights[..n];
+        let weighted = |a: usize, b: usize| -> f32 {
+            let (a, b) = (&radiance[a * n..][..n], &other[b * n..][..n]);
+            weights.iter().zip(a).zip(b).map(|((w, a), b)| w * a * b).sum()
+        };
+        let sums = &mut self.sums[slot];
+        sums[0] += (0..4).map(|m| weighted(m, m)).sum::<f32>();
+        (1..4).for_each(|m| sums[m] += weighted(0, m) + weighted(m, 0));
+    }
+}

@@ -1,0 +1,391 @@
+//! The deterministic solver: discrete ordinates on discontinuous finite elements.
+//!
+//! Radiance without noise, and its exact derivatives. Sunlight that was not scattered is
+//! followed along rays ([`beam`]); what it scatters goes from cell to cell in discrete
+//! directions ([`sweep`]) and is scattered on until both agree ([`diffuse`]); the camera
+//! collects along its own rays ([`camera`]).
+//!
+//! The derivative is that of what is computed, not of the equation: all steps are run
+//! backwards with the transpose of each. The transfer equations of a direction are the
+//! transpose of those of the opposite one, so the adjoint radiance comes from the same
+//! solver (Martin, Cairns and Bal 2014 for the equation).
+
+mod beam;
+mod camera;
+mod diffuse;
+mod lattice;
+mod optics;
+mod quadrature;
+mod sweep;
+
+use super::{check_scene, check_sizes};
+use crate::error::{Error, Result};
+use crate::grid::{Mask, Volume};
+use crate::image::ViewStack;
+use crate::scene::{Scene, View};
+use beam::{PARTS, Rays, add_all};
+use camera::{Camera, Derivative, Tile, tiles};
+use diffuse::{Field, Transport, reverse};
+use lattice::Lattice;
+use ndarray::Array3;
+use optics::Optics;
+use quadrature::{Quadrature, spherical_harmonics};
+use rayon::prelude::*;
+
+/// Settings of the deterministic solver.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct OrdinatesSettings {
+    /// Number of zenith angles of the ordinates, even; there are twice as many azimuths.
+    pub zenith_angles: usize,
+    /// The iteration ends when a sweep changes the radiance by less than this share.
+    pub tolerance: f64,
+    /// The most sweeps of one solution.
+    pub most_sweeps: usize,
+    /// Number of rays along each side of a pixel.
+    pub rays_per_side: usize,
+}
+
+impl Default for OrdinatesSettings {
+    fn default() -> Self {
+        Self { zenith_angles: 8, tolerance: 1e-3, most_sweeps: 200, rays_per_side: 2 }
+    }
+}
+
+impl OrdinatesSettings {
+    fn check(&self) -> Result<()> {
+        if !(2..=32).contains(&self.zenith_angles) || self.zenith_angles % 2 == 1 {
+            return Err(Error::out_of_range(
+                "zenith angles of the ordinates",
+                self.zenith_angles,
+                "even, from 2 to 32",
+            ));
+        }
+        if !(self.tolerance > 0.0 && self.tolerance < 1.0) {
+            return Err(Error::out_of_range("tolerance", self.tolerance, "between 0 and 1"));
+        }
+        for (what, value) in
+            [("most sweeps", self.most_sweeps), ("rays along a side", self.rays_per_side)]
+        {
+            if value == 0 {
+                return Err(Error::out_of_range(what, 0, "at least 1"));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The images of one scene by the same views for any extinction, and their derivatives.
+/// Each solution starts from the one before.
+#[derive(Debug)]
+pub struct OrdinatesModel {
+    scene: Scene,
+    views: Vec<View>,
+    tiles: Vec<Tile>,
+    settings: OrdinatesSettings,
+    lattice: Lattice,
+    optics: Optics,
+    quadrature: Quadrature,
+    state: Option<State>,
+    adjoint: Option<Field>,
+    sweeps: usize,
+}
+
+/// A solution.
+#[derive(Debug)]
+struct State {
+    extinction: Vec<f32>,
+    whole: Vec<[f32; 4]>,
+    kept: Vec<[f32; 4]>,
+    sun_depths: Vec<[f32; 8]>,
+    /// Light scattered for the first time, without the peak: `[slot][4][harmonic]`.
+    first: Vec<f32>,
+    field: Field,
+}
+
+impl OrdinatesModel {
+    /// A model of what `views` see of `scene`. The scene's medium tells the grid and what
+    /// collisions do; its extinction may be replaced. Voxels that hold nothing stay
+    /// empty, unless a `mask` says which ones may hold something.
+    ///
+    /// # Errors
+    /// No view, views of different sizes, a setting out of range, a trilinear medium with a
+    /// single layer, or a mask on another grid.
+    pub fn new(
+        scene: &Scene,
+        views: &[View],
+        mask: Option<&Mask>,
+        settings: &OrdinatesSettings,
+    ) -> Result<Self> {
+        check_scene(scene)?;
+        check_sizes(views)?;
+        settings.check()?;
+        if !scene.surface.is_black() || scene.air.is_some() {
+            return Err(Error::out_of_range(
+                "surface and air of the deterministic solver",
+                "there are some",
+                "a black surface and no air",
+            ));
+        }
+        let medium = &scene.medium;
+        let grid = &medium.extinction.grid;
+        let extinction = standard(&medium.extinction.values);
+        let mask = match mask {
+            Some(mask) => {
+                grid.check_shape("the mask", mask.values.shape())?;
+                Some(mask.values.as_standard_layout().to_owned())
+            }
+            None => None,
+        };
+        let mask = mask.as_ref().and_then(|mask| mask.as_slice());
+        let active = |voxel: usize| extinction[voxel] > 0.0 || mask.is_some_and(|mask| mask[voxel]);
+        let lattice = Lattice::new(grid, medium.interpolation, scene.boundary, active);
+        let quadrature = Quadrature::new(settings.zenith_angles);
+        let optics = Optics::new(&medium.scattering, grid, &lattice, quadrature.harmonics);
+        Ok(Self {
+            scene: scene.clone(),
+            views: views.to_vec(),
+            tiles: views.iter().enumerate().flat_map(|(n, view)| tiles(n, view)).collect(),
+            settings: *settings,
+            lattice,
+            optics,
+            quadrature,
+            state: None,
+            adjoint: None,
+            sweeps: 0,
+        })
+    }
+
+    /// Number of sweeps of the last solution.
+    pub fn sweeps(&self) -> usize {
+        self.sweeps
+    }
+
+    /// Radiance (1/sr for a Sun of unit irradiance) for an extinction (1/km), the mean over
+    /// each pixel's area.
+    ///
+    /// # Errors
+    /// An extinction on another grid, negative or not finite.
+    pub fn images(&mut self, extinction: &Volume) -> Result<ViewStack> {
+        let grid = &self.scene.medium.extinction.grid;
+        grid.check_shape("the extinction", extinction.values.shape())?;
+        extinction.check_non_negative("extinction")?;
+        self.solve(standard(&extinction.values));
+        let state = self.state.as_ref().expect("just solved");
+        let camera = self.camera(state);
+        let [rows, cols] = [self.views[0].rows, self.views[0].cols];
+        let mut images = Array3::zeros((self.views.len(), rows, cols));
+        let irradiance = self.scene.sun.irradiance;
+        for tile in &self.tiles {
+            let view = &self.views[tile.view];
+            let scattered = camera.scattered(tile, view);
+            let pixels: Vec<_> = tile.pixels().collect();
+            let radiance =
+                |pixel: &[usize; 2]| irradiance * camera.radiance(view, *pixel, &scattered);
+            let values: Vec<f64> = pixels.par_iter().map(radiance).collect();
+            for ([row, col], value) in pixels.into_iter().zip(values) {
+                images[[tile.view, row, col]] = value as f32;
+            }
+        }
+        ViewStack::new(images)
+    }
+
+    /// The derivative of the sum of `weights` times the images with respect to the
+    /// extinction of each voxel (km), at the extinction of the last [`Self::images`];
+    /// zero where the model is empty.
+    ///
+    /// # Errors
+    /// Weights of another shape than the images, or no images made yet.
+    pub fn gradient(&mut self, weights: &ViewStack) -> Result<Volume> {
+        let [rows, cols] = [self.views[0].rows, self.views[0].cols];
+        let expected = [self.views.len(), rows, cols];
+        if weights.shape() != expected {
+            return Err(Error::mismatch(
+                "shape [view, row, col] of the weights",
+                format!("{expected:?}"),
+                format!("{:?}", weights.shape()),
+                "give a weight for each pixel of the images",
+            ));
+        }
+        let Some(state) = self.state.as_ref() else {
+            return Err(Error::out_of_range("images", "not made", "made before their derivative"));
+        };
+        let (by_voxel, adjoint) = self.differentiate(state, weights);
+        self.adjoint = Some(adjoint);
+        let grid = self.scene.medium.extinction.grid;
+        let values = by_voxel.into_iter().map(|value| value as f32).collect();
+        Volume::new(grid, Array3::from_shape_vec(grid.shape, values).expect("its shape"))
+    }
+
+    fn rays<'a>(&'a self, extinction: &'a [f32]) -> Rays<'a> {
+        Rays { lattice: &self.lattice, optics: &self.optics, extinction }
+    }
+
+    fn camera<'a>(&'a self, state: &'a State) -> Camera<'a> {
+        Camera {
+            rays: self.rays(&state.extinction),
+            voxels: &self.scene.medium.extinction.grid,
+            sun: self.scene.sun.towards(),
+            sun_depths: &state.sun_depths,
+            moments: &state.field.moments,
+            rays_per_side: self.settings.rays_per_side,
+        }
+    }
+
+    fn transport<'a>(
+        &'a self,
+        rays: Rays<'a>,
+        whole: &'a [[f32; 4]],
+        kept: &'a [[f32; 4]],
+    ) -> Transport<'a> {
+        Transport { rays, quadrature: &self.quadrature, whole, kept }
+    }
+
+    /// What one slot scatters of the Sun's light in each harmonic, over what it stops.
+    fn turned_sunlight(&self) -> impl Fn(usize) -> Vec<f32> + Sync {
+        let sun = spherical_harmonics(-self.scene.sun.towards(), self.settings.zenith_angles);
+        move |slot| {
+            let by = self.optics.scattered(slot).iter();
+            by.zip(&sun).map(|(scattered, harmonic)| scattered * *harmonic as f32).collect()
+        }
+    }
+
+    /// The source of light that was scattered once, `[slot][4][harmonic]`, from what of the
+    /// Sun's light is stopped.
+    fn first(&self, stopped: &[[f32; 4]]) -> Vec<f32> {
+        let turned = self.turned_sunlight();
+        let mut source = Vec::with_capacity(stopped.len() * 4 * self.quadrature.harmonics);
+        for (slot, stopped) in stopped.iter().enumerate() {
+            let turned = turned(slot);
+            source.extend(stopped.iter().flat_map(|s| turned.iter().map(move |f| s * f)));
+        }
+        source
+    }
+
+    fn solve(&mut self, extinction: Vec<f32>) {
+        let rays = self.rays(&extinction);
+        let slots = 0..self.lattice.len();
+        let whole: Vec<_> =
+            slots.clone().map(|slot| self.lattice.coefficients(&extinction, slot)).collect();
+        let kept: Vec<_> = slots
+            .zip(&whole)
+            .map(|(slot, whole)| whole.map(|value| self.optics.kept(slot) * value))
+            .collect();
+        let sun_depths = rays.sun_depths(self.scene.sun.towards());
+        let stopped = rays.stopped(&sun_depths);
+        let first = self.first(&stopped);
+        let transport = self.transport(rays, &whole, &kept);
+        let start =
+            self.state.as_ref().map_or_else(|| transport.dark(), |state| state.field.clone());
+        let OrdinatesSettings { tolerance, most_sweeps, .. } = self.settings;
+        let (field, sweeps) = transport.solve(&first, start, tolerance, most_sweeps);
+        self.sweeps = sweeps;
+        self.state = Some(State { extinction, whole, kept, sun_depths, first, field });
+    }
+
+    /// The derivative by voxel, and the adjoint radiance.
+    fn differentiate(&self, state: &State, weights: &ViewStack) -> (Vec<f64>, Field) {
+        let rays = self.rays(&state.extinction);
+        let transport = self.transport(rays, &state.whole, &state.kept);
+        let count = self.quadrature.harmonics;
+        let (mut derivative, mut by_moments) = self.seen(state, weights);
+
+        // The adjoint radiance, of light that goes backwards from the cameras.
+        reverse(&mut by_moments, count);
+        let start = self.adjoint.clone().unwrap_or_else(|| transport.dark());
+        let OrdinatesSettings { tolerance, most_sweeps, .. } = self.settings;
+        let (adjoint, _) = transport.solve(&by_moments, start, tolerance, most_sweeps);
+
+        // What extinction does to light on its way, forwards and backwards.
+        let total = |field: &Field, own: &[f32]| {
+            let mut source = transport.scatter(&field.moments);
+            source.iter_mut().zip(own).for_each(|(sum, value)| *sum += value);
+            source
+        };
+        let forward = (state.field.clone(), total(&state.field, &state.first));
+        let backward = (adjoint.clone(), total(&adjoint, &by_moments));
+        let by_kept = transport.by_extinction([&forward, &backward]);
+
+        // What it does to scattering, again and for the first time.
+        let mut reversed = adjoint.moments.clone();
+        reverse(&mut reversed, count);
+        let turned = self.turned_sunlight();
+        let mut by_stopped = vec![[0.0; 4]; self.lattice.len()];
+        for (slot, by_kept) in by_kept.iter().enumerate() {
+            let cell = |values: &'_ [f32], m: usize| -> Vec<f32> {
+                values[(slot * 4 + m) * count..][..count].to_vec()
+            };
+            let by = self.optics.scattered(slot);
+            let product = |a: usize, b: usize| -> f32 {
+                let (a, b) = (cell(&reversed, a), cell(&state.field.moments, b));
+                a.iter().zip(&b).zip(by).map(|((a, b), by)| a * b * by).sum()
+            };
+            let mut values = by_kept.map(|value| self.optics.kept(slot) * value);
+            values[0] += (0..4).map(|m| product(m, m)).sum::<f32>();
+            (1..4).for_each(|m| values[m] += product(0, m) + product(m, 0));
+            self.lattice.spread_coefficients(&mut derivative.extinction, slot, values);
+            let turned = turned(slot);
+            for (m, sum) in by_stopped[slot].iter_mut().enumerate() {
+                *sum = cell(&reversed, m).iter().zip(&turned).map(|(a, b)| a * b).sum();
+            }
+        }
+        let Derivative { extinction, sun_depths, .. } = &mut derivative;
+        rays.spread_stopped(&state.sun_depths, &by_stopped, extinction, sun_depths);
+        rays.spread_sun_depths(self.scene.sun.towards(), sun_depths, extinction);
+        (derivative.extinction, adjoint)
+    }
+
+    /// The derivative of what the cameras see at a given radiance, and that by the moments
+    /// of the radiance.
+    fn seen(&self, state: &State, weights: &ViewStack) -> (Derivative, Vec<f32>) {
+        let camera = self.camera(state);
+        let (voxels, slots) = (state.extinction.len(), self.lattice.len());
+        let count = self.quadrature.harmonics;
+        let irradiance = self.scene.sun.irradiance;
+        let mut sum = Derivative::new(voxels, slots);
+        let mut by_moments = vec![0.0; slots * 4 * count];
+        for tile in &self.tiles {
+            let view = &self.views[tile.view];
+            let scattered = camera.scattered(tile, view);
+            let pixels: Vec<_> = tile.pixels().collect();
+            let part = |pixels: &[[usize; 2]]| {
+                let mut part = Derivative::new(voxels, slots);
+                for pixel in pixels {
+                    let [row, col] = *pixel;
+                    let weight = irradiance * f64::from(weights.values[[tile.view, row, col]]);
+                    camera.differentiate(view, *pixel, weight, &scattered, &mut part);
+                }
+                part
+            };
+            let parts: Vec<_> = pixels.par_chunks(pixels.len().div_ceil(PARTS)).map(part).collect();
+            let mut by_scattered = vec![[0.0_f32; 4]; slots];
+            for part in parts {
+                add_all(&mut sum.extinction, std::slice::from_ref(&part.extinction));
+                add_rows(&mut sum.sun_depths, &part.sun_depths);
+                add_rows(&mut by_scattered, &part.scattered);
+            }
+            let harmonics = camera.harmonics(tile, view);
+            let cells = by_moments.par_chunks_mut(count).enumerate();
+            cells.for_each(|(row, into)| {
+                let (slot, m) = (row / 4, row % 4);
+                let by = self.optics.scattered(slot);
+                for ((sum, y), s) in into.iter_mut().zip(&harmonics).zip(by) {
+                    *sum += by_scattered[slot][m] * y * s;
+                }
+            });
+        }
+        (sum, by_moments)
+    }
+}
+
+/// Add arrays of rows.
+fn add_rows<const N: usize>(into: &mut [[f32; N]], rows: &[[f32; N]]) {
+    let pairs = into.as_flattened_mut().iter_mut().zip(rows.as_flattened());
+    pairs.for_each(|(sum, value)| *sum += value);
+}
+
+fn standard(values: &Array3<f32>) -> Vec<f32> {
+    values.as_standard_layout().iter().copied().collect()
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,94 @@
+//! What a collision does, as the solver sees it: the forward peak counted as no collision.
+//!
+//! The share of scattering beyond the last harmonic is sent straight on (delta-M: Wiscombe
+//! 1977). What it does to light scattered once is mended where the camera looks (TMS:
+//! Nakajima and Tanaka 1988).
+
+use super::lattice::Lattice;
+use super::quadrature::degrees;
+use crate::grid::Grid;
+use crate::optics::Scattering;
+
+/// Optics by slot; a single row of a uniform medium serves all.
+#[derive(Debug)]
+pub(super) struct Optics {
+    scattering: Scattering,
+    harmonics: usize,
+    /// Scattered light over extinction, `[row][harmonic]`, without the peak.
+    scattered: Vec<f32>,
+    /// Extinction without the peak over extinction, by row.
+    kept: Vec<f32>,
+}
+
+impl Optics {
+    pub(super) fn new(
+        scattering: &Scattering,
+        voxels: &Grid,
+        lattice: &Lattice,
+        harmonics: usize,
+    ) -> Self {
+        let rows = match scattering {
+            Scattering::Uniform { .. } => lattice.len().min(1),
+            Scattering::Droplets { .. } => lattice.len(),
+        };
+        let count = harmonics.isqrt();
+        let (mut scattered, mut kept) = (Vec::new(), Vec::new());
+        for row in 0..rows {
+            let corners = lattice.corners_of(row);
+            let mut moments = vec![0.0; count + 1];
+            for voxel in corners {
+                let collision = scattering.at(index(voxels, voxel));
+                let weight = 0.125 * collision.single_scattering_albedo;
+                for (sum, moment) in moments.iter_mut().zip(collision.legendre_moments(count + 1)) {
+                    *sum += weight * moment;
+                }
+            }
+            let peak = moments[count];
+            kept.push((1.0 - peak) as f32);
+            scattered.extend(degrees(harmonics).map(|degree| (moments[degree] - peak) as f32));
+        }
+        Self { scattering: scattering.clone(), harmonics, scattered, kept }
+    }
+
+    /// Scattered light over extinction, by harmonic.
+    #[inline]
+    pub(super) fn scattered(&self, slot: usize) -> &[f32] {
+        &self.scattered[self.row(slot) * self.harmonics..][..self.harmonics]
+    }
+
+    /// Extinction without the peak over extinction.
+    #[inline]
+    pub(super) fn kept(&self, slot: usize) -> f32 {
+        self.kept[self.row(slot)]
+    }
+
+    /// Light scattered by an angle of the given cosine over extinction (1/sr), the peak
+    /// and all.
+    pub(super) fn density(
+        &self,
+        voxels: &Grid,
+        lattice: &Lattice,
+        slot: usize,
+        cosine: f64,
+    ) -> f64 {
+        let at = |voxel: usize| {
+            let collision = self.scattering.at(index(voxels, voxel));
+            collision.single_scattering_albedo * collision.density(cosine)
+        };
+        let corners = lattice.corners_of(slot);
+        match self.scattering {
+            Scattering::Uniform { .. } => at(corners[0]),
+            Scattering::Droplets { .. } if corners[0] == corners[7] => at(corners[0]),
+            Scattering::Droplets { .. } => 0.125 * corners.into_iter().map(at).sum::<f64>(),
+        }
+    }
+
+    fn row(&self, slot: usize) -> usize {
+        if self.kept.len() == 1 { 0 } else { slot }
+    }
+}
+
+fn index(voxels: &Grid, voxel: usize) -> [usize; 3] {
+    let [_, ny, nx] = voxels.shape;
+    [voxel / nx / ny, voxel / nx % ny, voxel % nx]
+}
