@@ -11,12 +11,13 @@ mod air_column;
 mod field;
 mod guide;
 mod monte_carlo;
-pub mod ordinates;
+mod ordinates;
 mod path;
 mod peak;
 mod photons;
 
 pub use monte_carlo::{MonteCarloSettings, Radiance};
+pub use ordinates::{OrdinatesModel, OrdinatesSettings};
 pub use photons::{FluxSettings, Fluxes, Share, fluxes};
 
 use crate::error::{Error, Result};
