@@ -9,8 +9,8 @@ use crate::grid::Grid;
 use crate::math::{DVec3, Ray};
 use crate::scene::{Projection, View};
 
-/// A step along a ray is no thicker than this.
-const STEP: f64 = 0.7;
+/// A step along a ray is no thicker than this, through what the model is prepared for.
+const STEP: f64 = 1.0;
 /// The longest side of a tile (pixels), and the widest angle across one (radians).
 const TILE: usize = 64;
 const NARROW: f64 = 0.02;
@@ -71,6 +71,8 @@ pub(super) struct Camera<'a> {
     pub(super) moments: &'a [f32],
     /// Number of rays along each side of a pixel.
     pub(super) rays_per_side: usize,
+    /// The largest extinction that is prepared for (1/km).
+    pub(super) largest_extinction: f64,
 }
 
 /// The derivative of a weighted sum of radiances of a tile.
@@ -201,8 +203,8 @@ impl Camera<'_> {
             let Some(slot) = segment.slot else { continue };
             let reach = segment.to - segment.from;
             let kept = f64::from(optics.kept(slot));
-            let middle = lattice.value(extinction, slot, segment.from + 0.5 * reach);
-            let steps = (kept * middle * segment.length / STEP).ceil().max(1.0);
+            // Not by the extinction that there is: the radiance would jump where it changes.
+            let steps = (kept * self.largest_extinction * segment.length / STEP).ceil().max(1.0);
             let single = optics.density(self.voxels, lattice, slot, cosine);
             let length = segment.length / steps;
             for step in 0..steps as usize {

@@ -9,20 +9,32 @@ use crate::traverse::walk;
 /// Mark of a cell that is not active.
 const NONE: u32 = u32::MAX;
 
-/// The cells: voxels of a constant medium, boxes between voxel centres of a trilinear one.
-/// Those that hold medium, or may come to hold some, are active and have a slot each.
+/// The cells: voxels of a constant medium, boxes between voxel centres of a trilinear one,
+/// split where they are too thick. Those that hold medium, or may come to hold some, are
+/// active and have a slot each.
 #[derive(Debug)]
 pub(super) struct Lattice {
     /// Where the cells are.
     pub(super) grid: Grid,
     /// The sides.
     pub(super) boundary: Boundary,
-    interpolation: Interpolation,
-    /// Number of voxels along z, y, x.
-    voxels: [usize; 3],
+    /// The cells of a voxel or box along x, y, z.
+    split: DVec3,
+    /// Slot of each cell, or [`NONE`].
     slots: Vec<u32>,
-    /// The cell of each slot.
-    active: Vec<u32>,
+    active: Vec<Active>,
+    /// The voxels at the corners of the box of each slot, x fastest; the one voxel that it
+    /// is a part of where the medium is constant.
+    corners: Vec<u32>,
+    corners_each: usize,
+}
+
+/// An active cell.
+#[derive(Debug, Clone, Copy)]
+struct Active {
+    cell: u32,
+    /// Its lower corner in its voxel or box, from 0 to 1 along each axis.
+    offset: DVec3,
 }
 
 /// A part of a ray, in one cell.
@@ -38,35 +50,41 @@ pub(super) struct Segment {
 }
 
 impl Lattice {
-    /// The cells of a grid of voxels; `active` tells whether a voxel matters.
+    /// The cells of a grid of voxels, split along x, y, z; `active` tells whether a voxel
+    /// matters.
     pub(super) fn new(
         voxels: &Grid,
         interpolation: Interpolation,
         boundary: Boundary,
+        split: [usize; 3],
         active: impl Fn(usize) -> bool,
     ) -> Self {
-        let [nz, ny, nx] = voxels.shape;
-        let (grid, periodic) = (*voxels, boundary == Boundary::Periodic);
-        let grid = match interpolation {
-            Interpolation::Constant => grid,
-            Interpolation::Trilinear => Grid {
-                origin: grid.origin + 0.5 * grid.spacing,
-                shape: if periodic { [nz - 1, ny, nx] } else { [nz - 1, ny - 1, nx - 1] },
-                ..grid
-            },
+        let (boxes, corners_each) = match interpolation {
+            Interpolation::Constant => (*voxels, 1),
+            Interpolation::Trilinear => (boxes(voxels, boundary), 8),
         };
+        let parts = DVec3::from_array(split.map(|n| n as f64));
+        let [sx, sy, sz] = split;
+        let [nz, ny, nx] = boxes.shape;
+        let grid =
+            Grid { spacing: boxes.spacing / parts, shape: [nz * sz, ny * sy, nx * sx], ..boxes };
         let mut lattice = Self {
             grid,
             boundary,
-            interpolation,
-            voxels: voxels.shape,
+            split: parts,
             slots: vec![NONE; grid.len()],
             active: Vec::new(),
+            corners: Vec::new(),
+            corners_each,
         };
-        for cell in 0..grid.len() {
-            if lattice.corners(cell).into_iter().any(&active) {
-                lattice.slots[cell] = lattice.active.len() as u32;
-                lattice.active.push(cell as u32);
+        for (cell, slot) in lattice.slots.iter_mut().enumerate() {
+            let [k, j, i] = index(&grid, cell);
+            let corners = corners(voxels, [k / sz, j / sy, i / sx], corners_each);
+            if corners.iter().any(|voxel| active(*voxel as usize)) {
+                *slot = lattice.active.len() as u32;
+                let part = DVec3::new((i % sx) as f64, (j % sy) as f64, (k % sz) as f64);
+                lattice.active.push(Active { cell: cell as u32, offset: part / parts });
+                lattice.corners.extend(corners);
             }
         }
         lattice
@@ -84,54 +102,46 @@ impl Lattice {
         (slot != NONE).then_some(slot as usize)
     }
 
-    /// The voxels at the corners of a cell, x fastest; the same one eight times where the
-    /// medium is constant.
-    pub(super) fn corners(&self, cell: usize) -> [usize; 8] {
-        if self.interpolation == Interpolation::Constant {
-            return [cell; 8];
-        }
-        let [_, rows, cols] = self.grid.shape;
-        let [_, ny, nx] = self.voxels;
-        let (k, j, i) = (cell / (rows * cols), cell / cols % rows, cell % cols);
-        std::array::from_fn(|corner| {
-            let (dx, dy, dz) = (corner & 1, corner >> 1 & 1, corner >> 2);
-            ((k + dz) * ny + (j + dy) % ny) * nx + (i + dx) % nx
-        })
-    }
-
-    /// As [`Lattice::corners`], of a slot.
-    pub(super) fn corners_of(&self, slot: usize) -> [usize; 8] {
-        self.corners(self.active[slot] as usize)
+    /// The voxels that a slot takes its properties from.
+    #[inline]
+    pub(super) fn voxels_of(&self, slot: usize) -> &[u32] {
+        &self.corners[slot * self.corners_each..][..self.corners_each]
     }
 
     /// The extinction at a place in a cell, from 0 to 1 along each axis.
     #[inline]
     pub(super) fn value(&self, voxels: &[f32], slot: usize, at: DVec3) -> f64 {
-        if self.interpolation == Interpolation::Constant {
-            return f64::from(voxels[self.active[slot] as usize]);
+        match self.voxels_of(slot) {
+            [voxel] => f64::from(voxels[*voxel as usize]),
+            corners => {
+                let weights = corner_weights(self.active[slot].offset + at / self.split);
+                let pairs = corners.iter().zip(weights);
+                pairs.map(|(voxel, weight)| weight * f64::from(voxels[*voxel as usize])).sum()
+            }
         }
-        let corners = self.corners_of(slot).into_iter().zip(corner_weights(at));
-        corners.map(|(voxel, weight)| weight * f64::from(voxels[voxel])).sum()
     }
 
     /// The transpose of [`Lattice::value`].
     #[inline]
     pub(super) fn spread(&self, voxels: &mut [f64], slot: usize, at: DVec3, value: f64) {
-        if self.interpolation == Interpolation::Constant {
-            voxels[self.active[slot] as usize] += value;
-            return;
-        }
-        for (voxel, weight) in self.corners_of(slot).into_iter().zip(corner_weights(at)) {
-            voxels[voxel] += weight * value;
+        match self.voxels_of(slot) {
+            [voxel] => voxels[*voxel as usize] += value,
+            corners => {
+                let weights = corner_weights(self.active[slot].offset + at / self.split);
+                for (voxel, weight) in corners.iter().zip(weights) {
+                    voxels[*voxel as usize] += weight * value;
+                }
+            }
         }
     }
 
     /// Mean and slopes of the extinction of a cell.
     pub(super) fn coefficients(&self, voxels: &[f32], slot: usize) -> [f32; 4] {
         let mut coefficients = [0.0; 4];
-        for (corner, voxel) in self.corners_of(slot).into_iter().enumerate() {
+        for corner in 0..8 {
+            let value = self.value(voxels, slot, place_of(corner)) as f32;
             for (sum, weight) in coefficients.iter_mut().zip(corner_coefficients(corner)) {
-                *sum += weight * voxels[voxel];
+                *sum += weight * value;
             }
         }
         coefficients
@@ -139,19 +149,17 @@ impl Lattice {
 
     /// The transpose of [`Lattice::coefficients`].
     pub(super) fn spread_coefficients(&self, voxels: &mut [f64], slot: usize, values: [f32; 4]) {
-        for (corner, voxel) in self.corners_of(slot).into_iter().enumerate() {
-            for (value, weight) in values.iter().zip(corner_coefficients(corner)) {
-                voxels[voxel] += f64::from(value * weight);
-            }
+        for corner in 0..8 {
+            let weights = corner_coefficients(corner);
+            let value: f32 = values.iter().zip(weights).map(|(value, weight)| value * weight).sum();
+            self.spread(voxels, slot, place_of(corner), f64::from(value));
         }
     }
 
     /// A place in a cell, from 0 to 1 along each axis, in km.
     pub(super) fn point(&self, slot: usize, at: DVec3) -> DVec3 {
-        let cell = self.active[slot] as usize;
-        let [_, ny, nx] = self.grid.shape;
-        let corner =
-            DVec3::new((cell % nx) as f64, (cell / nx % ny) as f64, (cell / nx / ny) as f64);
+        let [k, j, i] = index(&self.grid, self.active[slot].cell as usize);
+        let corner = DVec3::new(i as f64, j as f64, k as f64);
         self.grid.origin + self.grid.spacing * (corner + at)
     }
 
@@ -192,6 +200,38 @@ impl Lattice {
         }
         grid
     }
+}
+
+/// The boxes between neighbouring voxel centres.
+fn boxes(voxels: &Grid, boundary: Boundary) -> Grid {
+    let [nz, ny, nx] = voxels.shape;
+    let shape = match boundary {
+        Boundary::Open => [nz - 1, ny - 1, nx - 1],
+        Boundary::Periodic => [nz - 1, ny, nx],
+    };
+    Grid { origin: voxels.origin + 0.5 * voxels.spacing, shape, ..*voxels }
+}
+
+/// The voxels at the first `count` corners of a box; those beyond the last are the first
+/// ones again.
+fn corners(voxels: &Grid, [k, j, i]: [usize; 3], count: usize) -> Vec<u32> {
+    let [_, ny, nx] = voxels.shape;
+    let corner = |n: usize| {
+        let (dx, dy, dz) = (n & 1, n >> 1 & 1, n >> 2);
+        (((k + dz) * ny + (j + dy) % ny) * nx + (i + dx) % nx) as u32
+    };
+    (0..count).map(corner).collect()
+}
+
+/// The index `[z, y, x]` of a cell.
+pub(super) fn index(grid: &Grid, cell: usize) -> [usize; 3] {
+    let [_, ny, nx] = grid.shape;
+    [cell / nx / ny, cell / nx % ny, cell % nx]
+}
+
+/// Where a corner is, from 0 to 1 along each axis.
+fn place_of(corner: usize) -> DVec3 {
+    DVec3::new((corner & 1) as f64, (corner >> 1 & 1) as f64, (corner >> 2) as f64)
 }
 
 /// The weights of the eight corners at a place in a cell.

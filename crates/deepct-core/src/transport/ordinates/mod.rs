@@ -22,6 +22,8 @@ use super::{check_scene, check_sizes};
 use crate::error::{Error, Result};
 use crate::grid::{Mask, Volume};
 use crate::image::ViewStack;
+use crate::math::DVec3;
+use crate::optics::Medium;
 use crate::scene::{Scene, View};
 use beam::{PARTS, Rays, add_all};
 use camera::{Camera, Derivative, Tile, tiles};
@@ -43,11 +45,23 @@ pub struct OrdinatesSettings {
     pub most_sweeps: usize,
     /// Number of rays along each side of a pixel.
     pub rays_per_side: usize,
+    /// Voxels are split until no cell is thicker than this along an axis (optical depth
+    /// without the forward peak).
+    pub cell_depth: f64,
+    /// The largest extinction to be prepared for (1/km); `None` is that of the scene.
+    pub largest_extinction: Option<f64>,
 }
 
 impl Default for OrdinatesSettings {
     fn default() -> Self {
-        Self { zenith_angles: 8, tolerance: 1e-3, most_sweeps: 200, rays_per_side: 2 }
+        Self {
+            zenith_angles: 8,
+            tolerance: 1e-4,
+            most_sweeps: 200,
+            rays_per_side: 2,
+            cell_depth: 2.5,
+            largest_extinction: None,
+        }
     }
 }
 
@@ -58,6 +72,16 @@ impl OrdinatesSettings {
                 "zenith angles of the ordinates",
                 self.zenith_angles,
                 "even, from 2 to 32",
+            ));
+        }
+        if !(self.cell_depth > 0.0 && self.cell_depth.is_finite()) {
+            return Err(Error::out_of_range("cell depth", self.cell_depth, "positive"));
+        }
+        if self.largest_extinction.is_some_and(|most| !(most > 0.0 && most.is_finite())) {
+            return Err(Error::out_of_range(
+                "largest extinction",
+                format!("{:?}", self.largest_extinction),
+                "positive and finite (1/km)",
             ));
         }
         if !(self.tolerance > 0.0 && self.tolerance < 1.0) {
@@ -82,6 +106,8 @@ pub struct OrdinatesModel {
     views: Vec<View>,
     tiles: Vec<Tile>,
     settings: OrdinatesSettings,
+    /// What the cells are made for (1/km).
+    largest_extinction: f64,
     lattice: Lattice,
     optics: Optics,
     quadrature: Quadrature,
@@ -138,14 +164,18 @@ impl OrdinatesModel {
         };
         let mask = mask.as_ref().and_then(|mask| mask.as_slice());
         let active = |voxel: usize| extinction[voxel] > 0.0 || mask.is_some_and(|mask| mask[voxel]);
-        let lattice = Lattice::new(grid, medium.interpolation, scene.boundary, active);
         let quadrature = Quadrature::new(settings.zenith_angles);
+        let scene_most = extinction.iter().fold(0.0, |most: f32, value| most.max(*value));
+        let largest_extinction = settings.largest_extinction.unwrap_or(f64::from(scene_most));
+        let split = split(medium, largest_extinction, settings);
+        let lattice = Lattice::new(grid, medium.interpolation, scene.boundary, split, active);
         let optics = Optics::new(&medium.scattering, grid, &lattice, quadrature.harmonics);
         Ok(Self {
             scene: scene.clone(),
             views: views.to_vec(),
-            tiles: views.iter().enumerate().flat_map(|(n, view)| tiles(n, view)).collect(),
+            tiles: all_tiles(views),
             settings: *settings,
+            largest_extinction,
             lattice,
             optics,
             quadrature,
@@ -153,6 +183,18 @@ impl OrdinatesModel {
             adjoint: None,
             sweeps: 0,
         })
+    }
+
+    /// Look from other views from now on.
+    ///
+    /// # Errors
+    /// No view, or views of different sizes.
+    pub fn look_from(&mut self, views: &[View]) -> Result<()> {
+        check_sizes(views)?;
+        self.views = views.to_vec();
+        self.tiles = all_tiles(views);
+        self.adjoint = None;
+        Ok(())
     }
 
     /// Number of sweeps of the last solution.
@@ -228,6 +270,7 @@ impl OrdinatesModel {
             sun_depths: &state.sun_depths,
             moments: &state.field.moments,
             rays_per_side: self.settings.rays_per_side,
+            largest_extinction: self.largest_extinction,
         }
     }
 
@@ -375,6 +418,17 @@ impl OrdinatesModel {
         }
         (sum, by_moments)
     }
+}
+
+fn all_tiles(views: &[View]) -> Vec<Tile> {
+    views.iter().enumerate().flat_map(|(number, view)| tiles(number, view)).collect()
+}
+
+/// How many cells a voxel is split into along x, y, z.
+fn split(medium: &Medium, largest: f64, settings: &OrdinatesSettings) -> [usize; 3] {
+    let kept = optics::kept(&medium.scattering, settings.zenith_angles);
+    let parts = kept * largest * medium.extinction.grid.spacing / settings.cell_depth;
+    parts.ceil().max(DVec3::ONE).to_array().map(|n| n as usize)
 }
 
 /// Add arrays of rows.

@@ -4,7 +4,7 @@
 //! 1977). What it does to light scattered once is mended where the camera looks (TMS:
 //! Nakajima and Tanaka 1988).
 
-use super::lattice::Lattice;
+use super::lattice::{Lattice, index};
 use super::quadrature::degrees;
 use crate::grid::Grid;
 use crate::optics::Scattering;
@@ -34,11 +34,11 @@ impl Optics {
         let count = harmonics.isqrt();
         let (mut scattered, mut kept) = (Vec::new(), Vec::new());
         for row in 0..rows {
-            let corners = lattice.corners_of(row);
+            let corners = lattice.voxels_of(row);
             let mut moments = vec![0.0; count + 1];
             for voxel in corners {
-                let collision = scattering.at(index(voxels, voxel));
-                let weight = 0.125 * collision.single_scattering_albedo;
+                let collision = scattering.at(index(voxels, *voxel as usize));
+                let weight = 1.0 / corners.len() as f64 * collision.single_scattering_albedo;
                 for (sum, moment) in moments.iter_mut().zip(collision.legendre_moments(count + 1)) {
                     *sum += weight * moment;
                 }
@@ -71,16 +71,15 @@ impl Optics {
         slot: usize,
         cosine: f64,
     ) -> f64 {
-        let at = |voxel: usize| {
-            let collision = self.scattering.at(index(voxels, voxel));
+        let at = |voxel: &u32| {
+            let collision = self.scattering.at(index(voxels, *voxel as usize));
             collision.single_scattering_albedo * collision.density(cosine)
         };
-        let corners = lattice.corners_of(slot);
-        match self.scattering {
-            Scattering::Uniform { .. } => at(corners[0]),
-            Scattering::Droplets { .. } if corners[0] == corners[7] => at(corners[0]),
-            Scattering::Droplets { .. } => 0.125 * corners.into_iter().map(at).sum::<f64>(),
-        }
+        let corners = match self.scattering {
+            Scattering::Uniform { .. } => &lattice.voxels_of(slot)[..1],
+            Scattering::Droplets { .. } => lattice.voxels_of(slot),
+        };
+        corners.iter().map(at).sum::<f64>() / corners.len() as f64
     }
 
     fn row(&self, slot: usize) -> usize {
@@ -88,7 +87,16 @@ impl Optics {
     }
 }
 
-fn index(voxels: &Grid, voxel: usize) -> [usize; 3] {
-    let [_, ny, nx] = voxels.shape;
-    [voxel / nx / ny, voxel / nx % ny, voxel % nx]
+/// Extinction without the peak over extinction, of droplets of a middle size.
+pub(super) fn kept(scattering: &Scattering, degrees: usize) -> f64 {
+    let (albedo, phase_function) = match scattering {
+        Scattering::Uniform { single_scattering_albedo, phase_function } => {
+            (*single_scattering_albedo, phase_function)
+        }
+        Scattering::Droplets { table, .. } => {
+            let node = &table.nodes()[table.nodes().len() / 2];
+            (node.single_scattering_albedo, &node.phase_function)
+        }
+    };
+    1.0 - albedo * phase_function.legendre_moments(degrees + 1)[degrees]
 }

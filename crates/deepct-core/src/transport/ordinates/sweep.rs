@@ -163,13 +163,12 @@ impl<S: Simd> Constants<S> {
     #[inline(always)]
     fn incoming(&self, simd: S, v: usize, [x, y, z]: [&[S::f32s]; 3]) -> [S::f32s; 4] {
         let n = self.vectors;
-        let [a, b, c] = [0, 1, 2].map(|axis| self.streaming[axis][v]);
+        let [a, b, c] = [self.streaming[0][v], self.streaming[1][v], self.streaming[2][v]];
         let of = |face: &[S::f32s], moment: usize| face[moment * n + v];
         let add =
             |first: S::f32s, value: S::f32s, rest: S::f32s| simd.mul_add_e_f32s(first, value, rest);
-        let (means, slants) =
-            ([of(x, 0), of(y, 0), of(z, 0)], [0, 1, 2].map(|axis| self.slanted[axis][v]));
-        let minus = |axis: usize| simd.neg_f32s(simd.mul_f32s(slants[axis], means[axis]));
+        let means = [of(x, 0), of(y, 0), of(z, 0)];
+        let minus = |axis: usize| simd.neg_f32s(simd.mul_f32s(self.slanted[axis][v], means[axis]));
         [
             add(a, means[0], add(b, means[1], simd.mul_f32s(c, means[2]))),
             add(b, of(y, 1), add(c, of(z, 1), minus(0))),
@@ -206,24 +205,28 @@ impl<S: Simd> Constants<S> {
         radiance: &mut [f32],
     ) {
         let n = self.vectors;
-        let [x, y, z] = faces.map(|face| S::as_mut_simd_f32s(face).0);
+        let [x, y, z] = faces;
+        let (x, y, z) =
+            (S::as_mut_simd_f32s(x).0, S::as_mut_simd_f32s(y).0, S::as_mut_simd_f32s(z).0);
         let source = S::as_simd_f32s(source).0;
         let radiance = S::as_mut_simd_f32s(radiance).0;
-        let extinction = extinction.map(|value| simd.splat_f32s(value));
         let one = simd.splat_f32s(1.0);
         for v in 0..n {
-            let right = self.incoming(simd, v, [x, y, z]);
-            let right = [0, 1, 2, 3].map(|m| simd.add_f32s(right[m], source[m * n + v]));
-            let streaming = [0, 1, 2].map(|axis| self.streaming[axis][v]);
-            let total = simd.add_f32s(extinction[0], sum(simd, streaming));
+            let mut right = self.incoming(simd, v, [x, y, z]);
+            for (moment, right) in right.iter_mut().enumerate() {
+                *right = simd.add_f32s(*right, source[moment * n + v]);
+            }
+            let streaming = [self.streaming[0][v], self.streaming[1][v], self.streaming[2][v]];
+            let total = simd.add_f32s(simd.splat_f32s(extinction[0]), sum(simd, streaming));
             let (mut above, mut below) = (right[0], total);
             let mut slopes = [right[0]; 3];
             let mut coupling = [right[0]; 3];
             for axis in 0..3 {
                 let (a, slanted) = (streaming[axis], self.slanted[axis][v]);
                 let inverse = simd.div_f32s(one, simd.add_f32s(total, simd.add_f32s(a, a)));
-                let to_mean = simd.add_f32s(extinction[axis + 1], slanted);
-                let from_mean = simd.sub_f32s(extinction[axis + 1], slanted);
+                let slope = simd.splat_f32s(extinction[axis + 1]);
+                let to_mean = simd.add_f32s(slope, slanted);
+                let from_mean = simd.sub_f32s(slope, slanted);
                 slopes[axis] = simd.mul_f32s(right[axis + 1], inverse);
                 coupling[axis] = simd.mul_f32s(from_mean, inverse);
                 above = simd.negate_mul_add_e_f32s(to_mean, slopes[axis], above);
@@ -244,7 +247,9 @@ impl<S: Simd> Constants<S> {
     /// A cell with nothing in it.
     #[inline(always)]
     fn empty(&self, simd: S, faces: [&mut [f32]; 3]) {
-        let [x, y, z] = faces.map(|face| S::as_mut_simd_f32s(face).0);
+        let [x, y, z] = faces;
+        let (x, y, z) =
+            (S::as_mut_simd_f32s(x).0, S::as_mut_simd_f32s(y).0, S::as_mut_simd_f32s(z).0);
         for v in 0..self.vectors {
             let right = self.incoming(simd, v, [x, y, z]);
             let inverse = |moment: usize| self.empty_inverse[moment][v];
@@ -273,9 +278,9 @@ fn sum<S: Simd>(simd: S, [a, b, c]: [S::f32s; 3]) -> S::f32s {
 /// `[4][harmonic]` to `[4][ordinate]`.
 #[inline(always)]
 fn to_ordinates<S: Simd>(simd: S, octant: &Octant, moments: &[f32], radiance: &mut [f32]) {
-    let table = S::as_simd_f32s(&octant.to_ordinates).0;
-    let radiance = S::as_mut_simd_f32s(radiance).0;
-    product(simd, moments, table, radiance);
+    rows_times_table(simd, moments, &octant.to_ordinates, |index, sum| {
+        S::as_mut_simd_f32s(&mut radiance[index..]).0[0] = sum;
+    });
 }
 
 /// Add the moments of a cell's radiance: `[4][ordinate]` to `[4][harmonic]`.
@@ -286,51 +291,49 @@ pub(super) fn add_moments<S: Simd>(
     radiance: &[f32],
     moments: &mut [f32],
 ) {
-    let harmonics = moments.len() / 4;
-    let (table, radiance_of) = (&octant.to_moments, |m: usize, n: usize| {
-        simd.splat_f32s(radiance[m * octant.ordinates + n])
+    rows_times_table(simd, radiance, &octant.to_moments, |index, sum| {
+        let into = &mut S::as_mut_simd_f32s(&mut moments[index..]).0[0];
+        *into = simd.add_f32s(*into, sum);
     });
-    let vectors = harmonics / S::F32_LANES;
-    let whole = vectors * S::F32_LANES;
-    for v in 0..vectors {
-        let mut sums = [simd.splat_f32s(0.0); 4];
-        for n in 0..octant.ordinates {
-            let row = &table[n * harmonics + v * S::F32_LANES..][..S::F32_LANES];
-            let weights = S::as_simd_f32s(row).0[0];
-            for (m, sum) in sums.iter_mut().enumerate() {
-                *sum = simd.mul_add_e_f32s(weights, radiance_of(m, n), *sum);
-            }
-        }
-        for (m, sum) in sums.into_iter().enumerate() {
-            let into = &mut moments[m * harmonics + v * S::F32_LANES..][..S::F32_LANES];
-            let into = &mut S::as_mut_simd_f32s(into).0[0];
-            *into = simd.add_f32s(*into, sum);
-        }
-    }
-    for harmonic in whole..harmonics {
-        for m in 0..4 {
-            let pairs = radiance[m * octant.ordinates..][..octant.ordinates].iter().enumerate();
-            moments[m * harmonics + harmonic] +=
-                pairs.map(|(n, value)| value * table[n * harmonics + harmonic]).sum::<f32>();
-        }
-    }
 }
 
-/// Four rows times a table of whole vectors.
+/// The product of four rows with a table whose rows are whole vectors; `keep` is given each
+/// vector of the result and where it belongs in four rows. Two vectors of all four rows at
+/// a time keep both multipliers of a core busy.
 #[inline(always)]
-fn product<S: Simd>(simd: S, rows: &[f32], table: &[S::f32s], into: &mut [S::f32s]) {
-    let (length, vectors) = (rows.len() / 4, into.len() / 4);
-    let [a, b, c, d] = [0, 1, 2, 3].map(|row| &rows[row * length..][..length]);
-    for v in 0..vectors {
-        let mut sums = [simd.splat_f32s(0.0); 4];
-        for (n, (((a, b), c), d)) in a.iter().zip(b).zip(c).zip(d).enumerate() {
-            let weights = table[n * vectors + v];
-            for (sum, value) in sums.iter_mut().zip([a, b, c, d]) {
-                *sum = simd.mul_add_e_f32s(weights, simd.splat_f32s(*value), *sum);
+fn rows_times_table<S: Simd>(
+    simd: S,
+    rows: &[f32],
+    table: &[f32],
+    mut keep: impl FnMut(usize, S::f32s),
+) {
+    let length = rows.len() / 4;
+    let width = table.len() / length;
+    let (a, rest) = rows.split_at(length);
+    let (b, rest) = rest.split_at(length);
+    let (c, d) = rest.split_at(length);
+    let mut first = 0;
+    while first < width {
+        let pair = first + 2 * S::F32_LANES <= width;
+        let mut sums = [[simd.splat_f32s(0.0); 2]; 4];
+        for n in 0..length {
+            let row =
+                &table[n * width + first..][..if pair { 2 * S::F32_LANES } else { S::F32_LANES }];
+            let weights = S::as_simd_f32s(row).0;
+            for (sum, value) in sums.iter_mut().zip([a[n], b[n], c[n], d[n]]) {
+                let value = simd.splat_f32s(value);
+                sum[0] = simd.mul_add_e_f32s(weights[0], value, sum[0]);
+                if pair {
+                    sum[1] = simd.mul_add_e_f32s(weights[1], value, sum[1]);
+                }
             }
         }
         for (row, sum) in sums.into_iter().enumerate() {
-            into[row * vectors + v] = sum;
+            keep(row * width + first, sum[0]);
+            if pair {
+                keep(row * width + first + S::F32_LANES, sum[1]);
+            }
         }
+        first += if pair { 2 } else { 1 } * S::F32_LANES;
     }
 }

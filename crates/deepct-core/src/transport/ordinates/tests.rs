@@ -33,8 +33,12 @@ fn model(extinction: &Volume, interpolation: Interpolation, boundary: Boundary) 
     };
     let views = [view(0.0, 0.0), view(0.6, 1.0), view(0.9, 4.0)];
     let mask = Mask::new(grid(), Array3::from_elem(grid().shape, true)).unwrap();
-    let settings =
-        OrdinatesSettings { zenith_angles: 4, tolerance: 1e-6, ..OrdinatesSettings::default() };
+    let settings = OrdinatesSettings {
+        zenith_angles: 4,
+        tolerance: 1e-6,
+        largest_extinction: Some(100.0),
+        ..OrdinatesSettings::default()
+    };
     OrdinatesModel::new(&scene.with_boundary(boundary), &views, Some(&mask), &settings).unwrap()
 }
 
@@ -63,7 +67,7 @@ fn compare(
     let images = model.images(&extinction).unwrap();
     let weights = weights(&images);
     let gradient = model.gradient(&weights).unwrap();
-    let step = 0.02 * peak;
+    let step = 0.01 * peak;
     let mut moved = |sign: f32| {
         let mut extinction = extinction.clone();
         for ((k, j, i), value) in extinction.values.indexed_iter_mut() {
