@@ -15,11 +15,13 @@ pub(crate) struct Args {
 }
 
 /// The verbs that have settings, and their commented defaults in TOML.
-const DEFAULTS: [(&str, &str); 5] = [
+const DEFAULTS: [(&str, &str); 7] = [
     ("cloud-cumulus", crate::cloud::CUMULUS),
     ("cloud-field", crate::cloud::FIELD),
     ("infer", crate::infer::DEFAULTS),
+    ("invert", crate::inversion::DEFAULTS),
     ("dataset", crate::dataset::DEFAULTS),
+    ("experiment", crate::experiment::DEFAULTS),
     ("render", crate::render::DEFAULTS),
 ];
 

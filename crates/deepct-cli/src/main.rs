@@ -9,9 +9,13 @@ mod completions;
 mod config;
 mod dataset;
 mod demo;
+mod experiment;
 mod formats;
 mod global;
+mod hybrid;
 mod infer;
+mod inversion;
+mod invert;
 mod man;
 mod optics;
 mod plot;
@@ -43,9 +47,12 @@ enum Verb {
     Sense(sense::Args),
     Carve(carve::Args),
     Infer(infer::Args),
+    Invert(invert::Args),
+    Hybrid(hybrid::Args),
     Score(score::Args),
     Demo(demo::Args),
     Dataset(dataset::Args),
+    Experiment(experiment::Args),
     Weights(weights::Args),
     Plot(plot::Args),
     Formats(formats::Args),
@@ -72,9 +79,12 @@ fn run(cli: Cli) -> deepct_core::Result<Outcome> {
         Verb::Sense(args) => sense::run(&args, &cli.global),
         Verb::Carve(args) => carve::run(&args, &cli.global),
         Verb::Infer(args) => infer::run(&args, &cli.global),
+        Verb::Invert(args) => invert::run(&args, &cli.global),
+        Verb::Hybrid(args) => hybrid::run(&args, &cli.global),
         Verb::Score(args) => score::run(&args, &cli.global),
         Verb::Demo(args) => demo::run(&args, &cli.global),
         Verb::Dataset(args) => dataset::run(&args, &cli.global),
+        Verb::Experiment(args) => experiment::run(&args, &cli.global),
         Verb::Weights(args) => weights::run(&args),
         Verb::Plot(args) => plot::run(&args),
         Verb::Formats(args) => formats::run(&args),

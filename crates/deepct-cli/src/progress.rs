@@ -1,9 +1,13 @@
 //! A progress bar on a terminal, plain lines elsewhere.
 
 use crate::global::Global;
+use deepct_core::Result;
+use deepct_core::inversion::{self, Checkpoint, Record};
+use deepct_core::io::write_checkpoint;
 use deepct_core::transport::{self, Watch};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::io::IsTerminal;
+use std::path::Path;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 /// Counts finished units of a long work and shows how far it is.
@@ -68,6 +72,21 @@ const STEPS: u64 = 1000;
 /// Set when the user asked to stop, by Ctrl-C.
 static STOPPED: AtomicBool = AtomicBool::new(false);
 
+/// Let Ctrl-C end what is being done with what is there; a second one ends the program.
+fn stop_when_asked() {
+    // Where there is no such signal, or another handler, the program just ends.
+    let _ = ctrlc::set_handler(|| {
+        if STOPPED.swap(true, Ordering::Relaxed) {
+            std::process::exit(130);
+        }
+    });
+}
+
+/// Whether the user asked to stop.
+pub(crate) fn stopped() -> bool {
+    STOPPED.load(Ordering::Relaxed)
+}
+
 /// Watches a rendering: a bar that tells the noise reached so far. Ctrl-C ends the
 /// rendering with what is there; a second one ends the program.
 pub(crate) struct RenderProgress {
@@ -77,12 +96,7 @@ pub(crate) struct RenderProgress {
 impl RenderProgress {
     /// Start showing `what`.
     pub(crate) fn start(global: &Global, what: &'static str) -> Self {
-        // Where there is no such signal, or another handler, the program just ends.
-        let _ = ctrlc::set_handler(|| {
-            if STOPPED.swap(true, Ordering::Relaxed) {
-                std::process::exit(130);
-            }
-        });
+        stop_when_asked();
         Self { progress: Progress::start(global, what, STEPS) }
     }
 }
@@ -97,6 +111,65 @@ impl Watch for RenderProgress {
     }
 
     fn interrupted(&self) -> bool {
-        STOPPED.load(Ordering::Relaxed)
+        stopped()
+    }
+}
+
+/// Watches an inversion: a bar that tells the misfit, and how far the truth is where it
+/// is known; a line for each step where there is no terminal, or with `--verbose`. Every
+/// step is kept in a file.
+pub(crate) struct InversionProgress<'a> {
+    progress: Progress,
+    every_step: bool,
+    checkpoint: Option<(&'a Path, &'a str)>,
+}
+
+impl<'a> InversionProgress<'a> {
+    /// Start showing `what`, of at most `steps` steps; `checkpoint` is the file that they
+    /// are kept in and what the inversion is of.
+    pub(crate) fn start(
+        global: &Global,
+        what: &'static str,
+        steps: usize,
+        checkpoint: Option<(&'a Path, &'a str)>,
+    ) -> Self {
+        stop_when_asked();
+        let mut progress = Progress::start(global, what, steps as u64);
+        let every_step = (progress.lines && !global.quiet) || global.verbose > 0;
+        progress.lines = false;
+        Self { progress, every_step, checkpoint }
+    }
+
+    /// The same without a line for each step where there is no terminal.
+    pub(crate) fn quiet_without_terminal(self) -> Self {
+        Self { every_step: false, ..self }
+    }
+}
+
+impl inversion::Watch for InversionProgress<'_> {
+    fn reached(&self, record: &Record) {
+        let mut text = match record.block {
+            1 => format!("step {}", record.iteration),
+            block => format!("blocks of {block}, step {}", record.iteration),
+        };
+        text += &format!(", misfit {:.3}", record.misfit);
+        if let (Some(epsilon), Some(delta)) = (record.relative_error, record.mass_error) {
+            text += &format!(", epsilon {epsilon:.3}, delta {delta:.3}");
+        }
+        if self.every_step {
+            eprintln!("{}: {text}, {:.1} s", self.progress.what, record.seconds);
+        }
+        self.progress.advance_with(u64::from(record.iteration > 0), Some(&text));
+    }
+
+    fn keep(&self, checkpoint: &Checkpoint) -> Result<()> {
+        match self.checkpoint {
+            Some((path, identity)) => write_checkpoint(path, checkpoint, identity),
+            None => Ok(()),
+        }
+    }
+
+    fn interrupted(&self) -> bool {
+        stopped()
     }
 }

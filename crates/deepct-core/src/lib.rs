@@ -48,6 +48,8 @@ pub mod conv;
 #[cfg(feature = "files")]
 pub mod dataset;
 pub mod error;
+#[cfg(all(feature = "files", feature = "plot"))]
+pub mod experiment;
 pub mod grid;
 pub mod image;
 pub mod inversion;

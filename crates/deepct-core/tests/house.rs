@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 /// Each module and the modules that it may import, besides `error` and `math`, which
 /// are below everything. A module stands after all that it imports, so the table has no
 /// cycle.
-const TABLE: [(&str, &[&str]); 20] = [
+const TABLE: [(&str, &[&str]); 21] = [
     ("error", &[]),
     ("math", &[]),
     ("rng", &[]),
@@ -42,6 +42,25 @@ const TABLE: [(&str, &[&str]); 20] = [
             "network",
             "optics",
             "rng",
+            "scene",
+            "sensor",
+            "transport",
+        ],
+    ),
+    (
+        "experiment",
+        &[
+            "carve",
+            "cloud",
+            "dataset",
+            "grid",
+            "image",
+            "inversion",
+            "io",
+            "metrics",
+            "network",
+            "optics",
+            "plot",
             "scene",
             "sensor",
             "transport",

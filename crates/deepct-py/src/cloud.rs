@@ -90,7 +90,7 @@ pub(crate) fn generate_cloud(
 }
 
 /// Settings from keywords, over the defaults.
-fn read<T: DeserializeOwned>(keywords: &Bound<'_, PyDict>) -> PyResult<T> {
+pub(crate) fn read<T: DeserializeOwned>(keywords: &Bound<'_, PyDict>) -> PyResult<T> {
     let py = keywords.py();
     let options = PyDict::new(py);
     // Numbers and arrays of NumPy.

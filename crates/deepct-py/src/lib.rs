@@ -9,6 +9,7 @@ mod carve;
 mod cloud;
 mod error;
 mod grid;
+mod invert;
 mod network;
 mod render;
 mod score;
@@ -28,6 +29,8 @@ mod _deepct {
     use crate::error::DeepctError;
     #[pymodule_export]
     use crate::grid::Grid;
+    #[pymodule_export]
+    use crate::invert::{Reconstruction, hybrid, invert};
     #[pymodule_export]
     use crate::network::Network;
     #[pymodule_export]

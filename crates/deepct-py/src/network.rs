@@ -114,6 +114,11 @@ impl Network {
 }
 
 impl Network {
+    /// The network of the library.
+    pub(crate) fn inner(&self) -> &network::Network {
+        &self.0
+    }
+
     fn grid_of(&self, views: &[View]) -> Result<deepct_core::grid::Grid> {
         let target = target(views)?;
         self.0.grid([target.x, target.y], [views[0].rows, views[0].cols])

@@ -104,3 +104,45 @@ def test_a_mask_holds_the_ball_it_was_carved_from(grid, extinction, views):
     assert carved.threshold == 0.5
     found = deepct_py.carve(radiance + np.float32(0.01), views, grid)
     assert 0.01 < found.threshold < 1.01
+
+
+def test_an_inversion_finds_a_thin_ball(grid, extinction, views):
+    thin = (extinction / 15).astype(np.float32)
+    images = deepct_py.render(thin, grid, views, samples_per_pixel=1024, surface_albedo=0.0)
+    options = {
+        "standard_error": images.standard_error,
+        "surface_albedo": 0.0,
+        "iterations": 8,
+        "coarse": [],
+        "mask": np.ones(grid.shape, bool),
+    }
+    found = deepct_py.invert(images.radiance, views, grid, truth=thin, **options)
+    assert found.extinction.shape == grid.shape and found.mask.all()
+    errors = [step["relative_error"] for step in found.history]
+    assert errors[-1] == pytest.approx(
+        deepct_py.score(thin, found.extinction).relative_error, rel=1e-5
+    )
+    assert found.history[-1]["misfit"] < 0.3 * found.history[0]["misfit"]
+    assert errors[-1] < 0.8 * errors[0] and found.ending in ("noise", "iterations", "stalled")
+    other = deepct_py.invert(images.radiance, views, grid, start=found.extinction, **options)
+    assert other.history[0]["misfit"] < 1.1 * found.history[-1]["misfit"]
+    with pytest.raises(TypeError, match="iteratons"):
+        deepct_py.invert(images.radiance, views, grid, iteratons=3)
+
+
+def test_a_hybrid_starts_from_the_network(views):
+    network = deepct_py.Network.load("cloudct-10")
+    near = deepct_py.Views.load("cloudct-10", target=views[0].target, size=(12, 12))
+    levels, target = network.metadata["levels"], network.metadata["target_altitude_km"]
+    near = deepct_py.Views.load("cloudct-10", target=(0.3, 0.3, target), size=(12, 12))
+    grid = network.grid(near)
+    assert grid.shape[0] == levels["count"]
+    z, y, x = np.meshgrid(grid.z, grid.y, grid.x, indexing="ij")
+    ball = (x - 0.3) ** 2 + (y - 0.3) ** 2 + (z - target) ** 2 < 0.2**2
+    images = deepct_py.render(np.where(ball, 10.0, 0.0), grid, near, samples_per_pixel=64)
+    options = {"standard_error": images.standard_error, "scale_start": False}
+    found = deepct_py.hybrid(images.radiance, near, network, iterations=0, **options)
+    guess = network.infer(images.radiance, near, mask=found.mask)
+    assert np.allclose(found.extinction, guess, rtol=1e-4, atol=1e-4)
+    better = deepct_py.hybrid(images.radiance, near, network, iterations=3, **options)
+    assert better.history[-1]["misfit"] < found.history[-1]["misfit"]

@@ -19,6 +19,7 @@ mod hybrid;
 mod measurement;
 mod objective;
 mod optimiser;
+mod ordinates;
 mod prior;
 mod run;
 mod scale;
@@ -29,6 +30,7 @@ pub use checkpoint::Checkpoint;
 pub use hybrid::{QUICK_ITERATIONS, hybrid, network_grid, network_start};
 pub use measurement::Measurement;
 pub use optimiser::{Bounds, Function, Minimiser, MinimiserSettings, Pair, Point, Step};
+pub use ordinates::OrdinatesModels;
 pub use run::{invert, resume};
 pub use settings::{InversionSettings, Variable};
 

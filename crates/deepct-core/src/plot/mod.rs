@@ -5,6 +5,7 @@
 //! Colours are perceptually uniform: viridis for extinction, inferno for optical
 //! depth, greys for radiance.
 
+mod boxes;
 mod page;
 mod panel;
 mod scatter;
@@ -12,6 +13,7 @@ mod shade;
 mod sheet;
 mod volume;
 
+pub use boxes::{BoxGroup, box_figure};
 pub use scatter::scatter_figure;
 pub use sheet::contact_sheet;
 pub use volume::volume_figure;

@@ -221,6 +221,48 @@ class Network:
     ) -> NDArray[np.float32]: ...
 
 @final
+class Reconstruction:
+    @property
+    def extinction(self) -> NDArray[np.float32]: ...
+    @property
+    def mask(self) -> NDArray[np.bool_]: ...
+    @property
+    def history(self) -> list[dict[str, Any]]: ...
+    @property
+    def ending(self) -> str: ...
+
+def invert(
+    radiance: ArrayLike,
+    views: Union[Views, Sequence[View]],
+    grid: Grid,
+    sun: Optional[Sun] = None,
+    *,
+    start: Union[float, ArrayLike, Literal["auto"], None] = None,
+    mask: Optional[ArrayLike] = None,
+    standard_error: Optional[ArrayLike] = None,
+    truth: Optional[ArrayLike] = None,
+    asymmetry: float = 0.86,
+    single_scattering_albedo: float = 1.0,
+    surface_albedo: float = 0.05,
+    **settings: Any,
+) -> Reconstruction: ...
+def hybrid(
+    radiance: ArrayLike,
+    views: Union[Views, Sequence[View]],
+    network: Network,
+    sun: Optional[Sun] = None,
+    *,
+    quick: bool = False,
+    mask: Optional[ArrayLike] = None,
+    standard_error: Optional[ArrayLike] = None,
+    truth: Optional[ArrayLike] = None,
+    asymmetry: float = 0.86,
+    single_scattering_albedo: float = 1.0,
+    surface_albedo: float = 0.05,
+    **settings: Any,
+) -> Reconstruction: ...
+
+@final
 class Scores:
     @property
     def relative_error(self) -> float: ...

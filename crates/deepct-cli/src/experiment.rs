@@ -1,0 +1,101 @@
+//! `deepct experiment`: four ways over a set of clouds, and the report.
+
+use crate::Outcome;
+use crate::config::Settings;
+use crate::global::Global;
+use crate::progress::{InversionProgress, stopped};
+use deepct_core::experiment::{self, Experiment, ExperimentSettings, Method};
+use deepct_core::inversion::{Checkpoint, Record, Watch};
+use deepct_core::{Error, Result};
+use std::cell::RefCell;
+use std::path::PathBuf;
+
+/// The commented defaults.
+pub(crate) const DEFAULTS: &str = include_str!("defaults/experiment.toml");
+
+/// Compare network, physics, hybrid and quick hybrid over a set of clouds; stop and start
+/// it as you like
+#[derive(Debug, clap::Args)]
+pub(crate) struct Args {
+    /// Settings (TOML); `deepct config experiment` prints them all
+    #[arg(value_name = "CONFIG.toml")]
+    config: PathBuf,
+    /// Replace one setting
+    #[arg(long, value_name = "KEY=VALUE")]
+    set: Vec<String>,
+    /// Folder of the results and of the report
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+}
+
+pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
+    let settings = Settings::new(Some(args.config.clone()), args.set.clone());
+    let settings: ExperimentSettings = settings.resolve(DEFAULTS)?;
+    settings.check().map_err(Error::in_file(&args.config))?;
+    let watch = ExperimentProgress { global, settings: &settings, inversion: RefCell::default() };
+    let Experiment { outcomes, made, interrupted } = experiment::run(&settings, &args.out, &watch)?;
+    drop(watch);
+    if interrupted {
+        eprintln!("deepct: stopped early; the same command goes on");
+    } else if !global.quiet {
+        println!("{} results, {made} of them made now", outcomes.len());
+        println!("report: {}", args.out.join("report.md").display());
+    }
+    Ok(Outcome::Success)
+}
+
+/// Says which cloud is taken which way, and shows its inversion.
+struct ExperimentProgress<'a> {
+    global: &'a Global,
+    settings: &'a ExperimentSettings,
+    inversion: RefCell<Option<InversionProgress<'a>>>,
+}
+
+impl Watch for ExperimentProgress<'_> {
+    fn reached(&self, record: &Record) {
+        if let Some(inversion) = &*self.inversion.borrow() {
+            inversion.reached(record);
+        }
+    }
+
+    fn keep(&self, _checkpoint: &Checkpoint) -> Result<()> {
+        Ok(())
+    }
+
+    fn interrupted(&self) -> bool {
+        stopped()
+    }
+}
+
+impl experiment::Watch for ExperimentProgress<'_> {
+    fn begins(&self, cloud: &str, method: Method, number: usize, total: usize) {
+        let inversion = &self.settings.inversion;
+        let steps = match method {
+            Method::Network => 1,
+            Method::Physics => {
+                inversion.iterations + inversion.coarse.len() * inversion.coarse_iterations
+            }
+            Method::Hybrid => inversion.iterations,
+            Method::QuickHybrid => self.settings.quick_iterations,
+        };
+        if self.global.verbose > 0 {
+            eprintln!("{number} of {total}: {cloud}, {}", method.name());
+        }
+        let progress = InversionProgress::start(self.global, method.name(), steps, None);
+        *self.inversion.borrow_mut() = Some(progress.quiet_without_terminal());
+    }
+
+    fn made(&self, outcome: &experiment::Outcome) {
+        *self.inversion.borrow_mut() = None;
+        if !self.global.quiet {
+            println!(
+                "{:<24} {:<13} epsilon {:.3}  delta {:>6.3}  {:>8.2} s",
+                outcome.cloud,
+                outcome.method.name(),
+                outcome.relative_error,
+                outcome.mass_error,
+                outcome.seconds
+            );
+        }
+    }
+}

@@ -1,0 +1,52 @@
+//! `deepct hybrid`: the network, then physics from its answer.
+
+use crate::global::Global;
+use crate::inversion::{DEFAULTS, Flags, InvertSettings, Job};
+use crate::{Outcome, config};
+use deepct_core::inversion::{QUICK_ITERATIONS, Start, network_start};
+use deepct_core::io::{load_weights, read_observation};
+use deepct_core::network::Network;
+use deepct_core::{Error, Result};
+use std::path::PathBuf;
+
+/// Reconstruct the extinction of a cloud with the network, then by physics from its answer
+///
+/// `deepct config invert` prints the settings.
+#[derive(Debug, clap::Args)]
+pub(crate) struct Args {
+    /// Images
+    images: PathBuf,
+    /// Weights: a file, or the name of built-in ones (cloudct-10, pearls-32)
+    #[arg(long, value_name = "FILE|NAME")]
+    weights: PathBuf,
+    /// Take 10 steps only
+    #[arg(long, conflicts_with = "iterations")]
+    quick: bool,
+    #[command(flatten)]
+    flags: Flags,
+    #[command(flatten)]
+    settings: config::Settings,
+}
+
+pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
+    let mut settings: InvertSettings = args.settings.resolve(DEFAULTS)?;
+    settings.inversion.check()?;
+    if args.quick {
+        settings.inversion.iterations = QUICK_ITERATIONS;
+    }
+    let network = Network::new(&load_weights(&args.weights)?)?;
+    let observation = read_observation(&args.images)?;
+    let start = network_start(&network, &observation).map_err(Error::in_file(&args.images))?;
+    let job = Job {
+        what: "hybrid",
+        images: &args.images,
+        flags: &args.flags,
+        settings,
+        observation,
+        grid: start.grid,
+        start: Start::Volume(start),
+        init: args.weights.display().to_string(),
+    };
+    job.run(global)?;
+    Ok(Outcome::Success)
+}

@@ -1,0 +1,263 @@
+//! What `deepct invert` and `deepct hybrid` have in common.
+
+use crate::global::Global;
+use crate::optics::{OpticsSettings, RenderSettings};
+use crate::progress::InversionProgress;
+use deepct_core::carve::{CarveSettings, carve};
+use deepct_core::cloud::Cloud;
+use deepct_core::grid::{Grid, Mask, Volume};
+use deepct_core::inversion::{
+    Ending, InversionSettings, OrdinatesModels, Problem, Reconstruction, Start, invert, resume,
+};
+use deepct_core::io::{Provenance, read_checkpoint, read_cloud, read_mask, write_reconstruction};
+use deepct_core::optics::air::Air;
+use deepct_core::scene::{Observation, Scene, Surface, Waves};
+use deepct_core::transport::ordinates::OrdinatesSettings;
+use deepct_core::{Error, Result, optics};
+use serde::{Deserialize, Serialize};
+use std::path::{Path, PathBuf};
+
+/// Commented defaults of the settings.
+pub(crate) const DEFAULTS: &str = include_str!("defaults/invert.toml");
+
+/// The flags of both verbs.
+#[derive(Debug, clap::Args)]
+pub(crate) struct Flags {
+    /// Look for cloud inside this mask; if not given, inside the one that `deepct carve`
+    /// finds
+    #[arg(long, value_name = "M.nc")]
+    mask: Option<PathBuf>,
+    /// The most steps of the optimiser, in place of the number in the settings
+    #[arg(long, value_name = "K")]
+    iterations: Option<usize>,
+    /// The true cloud: tell after each step how far it is
+    #[arg(long, value_name = "C.nc")]
+    truth: Option<PathBuf>,
+    /// Go on where a run that was stopped left off
+    #[arg(long)]
+    resume: bool,
+    /// Share of the light that the surface at altitude 0 reflects into all directions
+    #[arg(long, default_value_t = Surface::OCEAN.albedo, value_name = "A", allow_negative_numbers = true)]
+    surface_albedo: f64,
+    /// Wind over the sea (m/s): its waves mirror the light besides
+    #[arg(long, value_name = "M/S", allow_negative_numbers = true)]
+    wind_speed: Option<f64>,
+    /// Add the air of the standard atmosphere, which scatters light too
+    #[arg(long)]
+    air: bool,
+    /// File of the extinction to write; what is needed to go on stands beside it, with the
+    /// ending .checkpoint, until the run is complete
+    #[arg(long, value_name = "V.nc")]
+    out: PathBuf,
+}
+
+/// The settings of a run.
+#[derive(Debug, Clone, Deserialize, Serialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct InvertSettings {
+    pub(crate) optics: OpticsSettings,
+    pub(crate) carve: CarveSettings,
+    pub(crate) solver: SolverSettings,
+    pub(crate) inversion: InversionSettings,
+}
+
+/// The settings of the deterministic solver.
+#[derive(Debug, Clone, Deserialize, Serialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct SolverSettings {
+    zenith_angles: usize,
+    coarse_zenith_angles: usize,
+    tolerance: f64,
+    rays_per_side: usize,
+}
+
+impl SolverSettings {
+    fn ordinates(&self, zenith_angles: usize) -> OrdinatesSettings {
+        OrdinatesSettings {
+            zenith_angles,
+            tolerance: self.tolerance,
+            rays_per_side: self.rays_per_side,
+            ..Default::default()
+        }
+    }
+}
+
+/// An inversion that is ready to be run.
+pub(crate) struct Job<'a> {
+    /// Name on the progress bar.
+    pub(crate) what: &'static str,
+    /// File of the images.
+    pub(crate) images: &'a Path,
+    pub(crate) flags: &'a Flags,
+    pub(crate) settings: InvertSettings,
+    pub(crate) observation: Observation,
+    /// Where the cloud is sought.
+    pub(crate) grid: Grid,
+    pub(crate) start: Start,
+    /// The start in words.
+    pub(crate) init: String,
+}
+
+/// What the output records of this run.
+#[derive(Debug, Serialize)]
+struct Resolved<'a> {
+    images: &'a Path,
+    init: &'a str,
+    mask: Option<&'a Path>,
+    surface_albedo: f64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    wind_speed: Option<f64>,
+    air: bool,
+    #[serde(flatten)]
+    settings: &'a InvertSettings,
+}
+
+impl Job<'_> {
+    /// Invert, write the file, and say what came out.
+    pub(crate) fn run(mut self, global: &Global) -> Result<()> {
+        let flags = self.flags;
+        self.settings.inversion.iterations =
+            flags.iterations.unwrap_or(self.settings.inversion.iterations);
+        let mask = self.mask()?;
+        let truth = flags.truth.as_deref().map(read_extinction).transpose()?;
+        let problem =
+            Problem { observation: &self.observation, mask: &mask, truth: truth.as_ref() };
+        let checkpoint = beside(&flags.out);
+        let identity = self.identity();
+        let reconstruction = self
+            .invert(global, &problem, (&checkpoint, &identity))
+            .map_err(Error::in_file(self.images))?;
+        let provenance = Provenance {
+            title: "Extinction by inversion".into(),
+            configuration: self.resolved(&self.settings),
+            seed: global.seed,
+        };
+        write_reconstruction(&flags.out, &reconstruction, &mask, &provenance)?;
+        if reconstruction.ending == Ending::Interrupted {
+            eprintln!("deepct: stopped early; the same command with --resume goes on");
+        } else if checkpoint.exists() {
+            std::fs::remove_file(&checkpoint).map_err(Error::io(&checkpoint))?;
+        }
+        if !global.quiet {
+            report(&reconstruction, &mask);
+        }
+        Ok(())
+    }
+
+    fn invert(
+        &self,
+        global: &Global,
+        problem: &Problem,
+        kept: (&Path, &str),
+    ) -> Result<Reconstruction> {
+        let mut models = self.models()?;
+        let settings = &self.settings.inversion;
+        let coarse = match self.start {
+            Start::Volume(_) => 0,
+            _ => settings.coarse.len() * settings.coarse_iterations,
+        };
+        let steps = settings.iterations + coarse;
+        let watch = InversionProgress::start(global, self.what, steps, Some(kept));
+        if self.flags.resume && kept.0.exists() {
+            let checkpoint = read_checkpoint(kept.0, kept.1)?;
+            return resume(problem, &mut models, checkpoint, settings, &watch);
+        }
+        invert(problem, &mut models, &self.start, settings, &watch)
+    }
+
+    fn models(&self) -> Result<OrdinatesModels> {
+        let Flags { surface_albedo, wind_speed, air, .. } = *self.flags;
+        let wavelength = self.observation.wavelength;
+        let optics = RenderSettings { wavelength, optics: self.settings.optics.clone() };
+        let medium = optics.medium(Cloud::from_extinction(Volume::constant(self.grid, 0.0))?)?;
+        let waves = wind_speed.map(Waves::new).transpose()?;
+        let surface = Surface { waves, ..Surface::lambertian(surface_albedo) };
+        let mut scene = Scene::new(medium, self.observation.sun, surface)?;
+        if air {
+            scene = scene.with_air(Air::new(wavelength)?);
+        }
+        let solver = &self.settings.solver;
+        Ok(OrdinatesModels {
+            scene,
+            views: self.observation.views.clone(),
+            settings: solver.ordinates(solver.zenith_angles),
+            coarse_settings: solver.ordinates(solver.coarse_zenith_angles),
+        })
+    }
+
+    /// The mask that was given, or else is carved, on the grid of the answer.
+    fn mask(&self) -> Result<Mask> {
+        let Some(path) = &self.flags.mask else {
+            let carved = carve(&self.observation, &self.grid, &self.settings.carve);
+            return Ok(carved.map_err(Error::in_file(self.images))?.mask);
+        };
+        let mask = read_mask(path)?;
+        if mask.grid.matches(&self.grid) {
+            return Ok(mask);
+        }
+        let text = |grid: &Grid| {
+            format!("{:?} voxels of {} km from {} km", grid.shape, grid.spacing, grid.origin)
+        };
+        Err(Error::mismatch(
+            format!("{}: grid of the mask", path.display()),
+            text(&self.grid),
+            text(&mask.grid),
+            "carve a mask on the grid of the answer, or leave out --mask",
+        ))
+    }
+
+    fn resolved(&self, settings: &InvertSettings) -> String {
+        let Flags { mask, surface_albedo, wind_speed, air, .. } = self.flags;
+        let resolved = Resolved {
+            images: self.images,
+            init: &self.init,
+            mask: mask.as_deref(),
+            surface_albedo: *surface_albedo,
+            wind_speed: *wind_speed,
+            air: *air,
+            settings,
+        };
+        toml::to_string(&resolved).expect("plain numbers and text")
+    }
+
+    /// What the inversion is of: the same but for when it ends.
+    fn identity(&self) -> String {
+        let mut settings = self.settings.clone();
+        settings.inversion.iterations = 0;
+        settings.inversion.misfit = 0.0;
+        settings.inversion.change = 0.0;
+        self.resolved(&settings)
+    }
+}
+
+/// The name of the checkpoint of an output.
+fn beside(out: &Path) -> PathBuf {
+    let mut name = out.as_os_str().to_owned();
+    name.push(".checkpoint");
+    name.into()
+}
+
+/// The extinction in a file of a cloud or volume.
+pub(crate) fn read_extinction(path: &Path) -> Result<Volume> {
+    optics::extinction(&read_cloud(path)?).map_err(Error::in_file(path))
+}
+
+fn report(reconstruction: &Reconstruction, mask: &Mask) {
+    let Reconstruction { extinction, history, ending } = reconstruction;
+    let ending = match ending {
+        Ending::Noise => "the noise explains the rest",
+        Ending::Iterations => "all steps taken",
+        Ending::Stalled => "no step lowers the value any more",
+        Ending::Interrupted => "stopped",
+    };
+    println!("mask     {} of {} voxels", mask.count(), mask.grid.len());
+    if let Some(last) = history.last() {
+        println!("steps    {} in {:.1} s: {ending}", last.iteration, last.seconds);
+        println!("misfit   {:.3}", last.misfit);
+        if let (Some(epsilon), Some(delta)) = (last.relative_error, last.mass_error) {
+            println!("epsilon  {epsilon:.4}");
+            println!("delta    {delta:.4}");
+        }
+    }
+    println!("largest  {:.3} km-1", extinction.values.iter().copied().fold(0.0, f32::max));
+}

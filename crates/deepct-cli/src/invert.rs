@@ -1,0 +1,61 @@
+//! `deepct invert`: the extinction of a cloud from its images, by physics.
+
+use crate::global::Global;
+use crate::inversion::{DEFAULTS, Flags, InvertSettings, Job, read_extinction};
+use crate::{Outcome, config};
+use deepct_core::inversion::Start;
+use deepct_core::io::{read_grid, read_observation};
+use deepct_core::{Error, Result};
+use std::path::PathBuf;
+
+/// Reconstruct the extinction of a cloud whose computed images are those given
+///
+/// `deepct config invert` prints the settings: what droplets do to light, the solver, the
+/// optimiser and when it stops.
+#[derive(Debug, clap::Args)]
+pub(crate) struct Args {
+    /// Images
+    images: PathBuf,
+    /// Grid of the answer: that of a cloud or volume, or a TOML file
+    #[arg(long, value_name = "C.nc|GRID.toml")]
+    grid: PathBuf,
+    /// Start: an extinction (1/km) for the whole mask, `auto` for the one that fits the
+    /// images best, or a file
+    #[arg(long, default_value = "0.01", value_name = "V.nc|NUMBER|auto")]
+    init: String,
+    #[command(flatten)]
+    flags: Flags,
+    #[command(flatten)]
+    settings: config::Settings,
+}
+
+pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
+    let settings: InvertSettings = args.settings.resolve(DEFAULTS)?;
+    settings.inversion.check()?;
+    let start = start(&args.init)?;
+    let job = Job {
+        what: "invert",
+        images: &args.images,
+        flags: &args.flags,
+        settings,
+        observation: read_observation(&args.images)?,
+        grid: read_grid(&args.grid)?,
+        start,
+        init: args.init.clone(),
+    };
+    job.run(global)?;
+    Ok(Outcome::Success)
+}
+
+fn start(init: &str) -> Result<Start> {
+    if init == "auto" {
+        return Ok(Start::Search);
+    }
+    match init.parse::<f64>() {
+        Ok(extinction) if extinction.is_finite() && extinction > 0.0 => {
+            Ok(Start::Constant(extinction))
+        }
+        Ok(extinction) => Err(Error::out_of_range("--init", extinction, "positive (1/km)")),
+        Err(_) => Ok(Start::Volume(read_extinction(init.as_ref())?)),
+    }
+}

@@ -1,0 +1,230 @@
+//! The clouds of an experiment and what the cameras saw of them.
+
+use super::ExperimentSettings;
+use crate::cloud::{CumulusSettings, cumulus};
+use crate::dataset::Manifest;
+use crate::error::{Error, Result};
+use crate::grid::Volume;
+use crate::image::ViewStack;
+use crate::io::{self, Provenance};
+use crate::network::WeightsMetadata;
+use crate::optics::{self, Medium, PhaseFunction};
+use crate::scene::{Formation, Observation, Scene, Sun, Surface};
+use crate::sensor::{Scale, Sensor, sense};
+use crate::transport::{self, MonteCarloSettings, Solver};
+use ndarray::{Array3, Axis};
+use std::path::{Path, PathBuf};
+
+/// Largest difference between a view of a data set and one of the weights (degrees).
+const SAME_VIEW_DEG: f64 = 0.1;
+
+/// Where the clouds come from.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum Origin {
+    /// A file of a cloud.
+    File(PathBuf),
+    /// The generator with this seed.
+    Generated(u64),
+    /// A sample of a data set.
+    Sample(PathBuf),
+}
+
+/// A cloud by its name and origin.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Case {
+    pub(super) name: String,
+    pub(super) number: u64,
+    pub(super) origin: Origin,
+}
+
+/// The clouds that the settings ask for.
+pub(super) fn cases(settings: &ExperimentSettings) -> Result<Vec<Case>> {
+    let stem = |path: &Path| path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+    let mut cases: Vec<(String, Origin)> =
+        settings.clouds.iter().map(|file| (stem(file), Origin::File(file.clone()))).collect();
+    cases.extend((0..settings.generated as u64).map(|number| {
+        let seed = settings.seed + number;
+        (format!("generated-{seed}"), Origin::Generated(seed))
+    }));
+    if let Some(folder) = &settings.dataset {
+        let manifest = Manifest::read(folder)?;
+        let set: Vec<_> =
+            manifest.samples.iter().filter(|sample| sample.split == settings.split).collect();
+        if set.len() < settings.samples {
+            let range = format!("at most {}, what the set holds", set.len());
+            return Err(Error::out_of_range("samples", settings.samples, range));
+        }
+        cases.extend((0..settings.samples).map(|number| {
+            let sample = set[(2 * number + 1) * set.len() / (2 * settings.samples)];
+            (format!("sample-{}", stem(&sample.file)), Origin::Sample(folder.join(&sample.file)))
+        }));
+    }
+    for (number, (name, _)) in cases.iter().enumerate() {
+        if cases[..number].iter().any(|(other, _)| other == name) {
+            return Err(Error::out_of_range("clouds", name, "names that differ from each other"));
+        }
+    }
+    let numbered = cases.into_iter().zip(0..);
+    Ok(numbered.map(|((name, origin), number)| Case { name, number, origin }).collect())
+}
+
+impl Case {
+    /// The truth (1/km) and the noisy images by the views of the weights; made once and
+    /// kept in `path`.
+    pub(super) fn open(
+        &self,
+        path: &Path,
+        settings: &ExperimentSettings,
+        weights: &WeightsMetadata,
+    ) -> Result<(Volume, Observation)> {
+        if !path.exists() {
+            let (truth, clean) = self.make(settings, weights)?;
+            let observation = expose(&clean, settings, self.number)?;
+            let provenance = Provenance {
+                title: format!("{}: truth and noisy images", self.name),
+                configuration: toml::to_string(settings).expect("plain numbers and text"),
+                seed: settings.seed,
+            };
+            io::write_sample(path, &truth, &observation, &provenance)?;
+        }
+        Ok((io::read_volume(path)?, io::read_observation(path)?))
+    }
+
+    fn make(
+        &self,
+        settings: &ExperimentSettings,
+        weights: &WeightsMetadata,
+    ) -> Result<(Volume, Observation)> {
+        let cloud = match &self.origin {
+            Origin::Sample(path) => {
+                let observation = select_views(&io::read_observation(path)?, weights)
+                    .map_err(Error::in_file(path))?;
+                return Ok((io::read_volume(path)?, observation));
+            }
+            Origin::File(path) => io::read_cloud(path)?,
+            Origin::Generated(seed) => cumulus(&CumulusSettings::default(), *seed)?,
+        };
+        let truth = optics::extinction(&cloud)?;
+        let scene = scene(&truth, settings, Sun::default())?;
+        let formation = Formation::preset(&weights.formation).ok_or_else(|| {
+            Error::out_of_range("formation of the weights", &weights.formation, "a preset")
+        })?;
+        let [_, rows, cols] = truth.grid.shape;
+        let views = formation.views(truth.grid.center(), [rows, cols])?;
+        let solver = Solver::MonteCarlo(MonteCarloSettings {
+            samples_per_pixel: settings.samples_per_pixel,
+            similarity_after: settings.similarity_after,
+            seed: settings.seed + self.number,
+            noise: None,
+        });
+        let rendering = transport::render(&scene, &views, &solver, &())?;
+        let mut observation = Observation::new(scene.sun, views, rendering.images)?;
+        observation.standard_error = Some(rendering.standard_error);
+        Ok((truth, observation))
+    }
+}
+
+/// The scene of an extinction, as the settings say.
+pub(super) fn scene(extinction: &Volume, settings: &ExperimentSettings, sun: Sun) -> Result<Scene> {
+    let phase_function = PhaseFunction::henyey_greenstein(settings.asymmetry)?;
+    let medium = Medium::new(extinction.clone(), 1.0, phase_function)?;
+    Scene::new(medium, sun, Surface::lambertian(settings.surface_albedo))
+}
+
+/// The images through the sensor.
+fn expose(clean: &Observation, settings: &ExperimentSettings, number: u64) -> Result<Observation> {
+    if settings.sensor == "none" {
+        return Ok(clean.clone());
+    }
+    let sensor = match Sensor::preset(&settings.sensor) {
+        Some(sensor) => sensor,
+        None => Sensor::from_file(Path::new(&settings.sensor))?,
+    };
+    let seed = settings.seed + number;
+    let sensed = sense(&clean.images, &sensor, Scale::BrightestAtFullWell, seed)?;
+    let standard_error = Some(sensed.standard_error(clean.standard_error.as_ref())?);
+    Ok(Observation { images: sensed.images, standard_error, ..clean.clone() })
+}
+
+/// Those views of an observation that the weights are for, in their order.
+fn select_views(observation: &Observation, weights: &WeightsMetadata) -> Result<Observation> {
+    let (has, wanted) = (observation.geometry(), &weights.view_geometry);
+    let direction = |geometry: &crate::image::ViewGeometry, view: usize| {
+        let (zenith, azimuth) = (
+            geometry.view_zenith_deg[view].to_radians(),
+            geometry.view_azimuth_deg[view].to_radians(),
+        );
+        crate::math::towards(zenith, azimuth)
+    };
+    let chosen: Vec<usize> = (0..wanted.view_zenith_deg.len())
+        .map(|view| {
+            let wanted = direction(wanted, view);
+            let near = |candidate: &usize| {
+                direction(&has, *candidate).angle_between(wanted).to_degrees() < SAME_VIEW_DEG
+            };
+            (0..observation.views.len()).find(near).ok_or_else(|| {
+                Error::mismatch(
+                    "views of the data set",
+                    format!("one in the direction of view {view} of the weights"),
+                    "none",
+                    "take a data set that has all views of the weights",
+                )
+            })
+        })
+        .collect::<Result<_>>()?;
+    let select = |images: &Array3<f32>| ViewStack::new(images.select(Axis(0), &chosen));
+    let mut selected = Observation::new(
+        observation.sun,
+        chosen.iter().map(|view| observation.views[*view]).collect(),
+        select(&observation.images.values)?,
+    )?;
+    selected.wavelength = observation.wavelength;
+    selected.standard_error =
+        observation.standard_error.as_ref().map(|error| select(&error.values)).transpose()?;
+    Ok(selected)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ten_of_the_32_views_are_those_of_the_paper() {
+        let target = crate::math::DVec3::new(0.1, 0.2, 1.0);
+        let views = Formation::pearls_32().views(target, [2, 2]).unwrap();
+        let images = Array3::from_shape_fn((32, 2, 2), |(view, _, _)| view as f32);
+        let observation =
+            Observation::new(Sun::default(), views, ViewStack::new(images).unwrap()).unwrap();
+        let weights = io::load_weights("cloudct-10").unwrap().metadata;
+        let selected = select_views(&observation, &weights).unwrap();
+        let expected = Formation::cloudct_10().views(target, [2, 2]).unwrap();
+        assert_eq!(selected.views.len(), 10);
+        for ((view, expected), image) in
+            selected.views.iter().zip(&expected).zip(selected.images.values.outer_iter())
+        {
+            assert!(view.towards().angle_between(expected.towards()).to_degrees() < 0.01);
+            let number = image[[0, 0]] as usize;
+            assert_eq!(*view, observation.views[number]);
+        }
+        let less = Observation::new(
+            Sun::default(),
+            observation.views[..16].to_vec(),
+            ViewStack::new(Array3::zeros((16, 2, 2))).unwrap(),
+        );
+        assert!(select_views(&less.unwrap(), &weights).is_err());
+    }
+
+    #[test]
+    fn clouds_have_names_of_their_own() {
+        let settings = ExperimentSettings {
+            clouds: vec!["a/one.nc".into(), "b/two.nc".into()],
+            generated: 2,
+            seed: 5,
+            ..Default::default()
+        };
+        let names: Vec<_> = cases(&settings).unwrap().into_iter().map(|case| case.name).collect();
+        assert_eq!(names, ["one", "two", "generated-5", "generated-6"]);
+        let clouds = vec!["a/one.nc".into(), "b/one.nc".into()];
+        assert!(cases(&ExperimentSettings { clouds, ..settings }).is_err());
+    }
+}

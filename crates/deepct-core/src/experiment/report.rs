@@ -1,0 +1,139 @@
+//! The report of an experiment: tables, box plots and where the pictures are.
+
+use super::{ExperimentSettings, Outcome};
+use crate::error::Result;
+use crate::io;
+use crate::plot::{BoxGroup, box_figure};
+use std::fmt::Write;
+use std::path::Path;
+
+/// Write `report.md` and the figures of all clouds together.
+pub(super) fn write(
+    folder: &Path,
+    settings: &ExperimentSettings,
+    outcomes: &[Outcome],
+) -> Result<()> {
+    let groups = |value: fn(&Outcome) -> f64| -> Vec<BoxGroup> {
+        let methods = settings.methods.iter();
+        methods
+            .map(|method| {
+                let of = outcomes.iter().filter(|one| one.method == *method);
+                BoxGroup { name: method.name(), values: of.map(value).collect() }
+            })
+            .collect()
+    };
+    let panels = [
+        ("relative error \u{3b5} (%)", groups(|one| 100.0 * one.relative_error)),
+        ("mass error \u{3b4} (%)", groups(|one| 100.0 * one.mass_error)),
+    ];
+    box_figure(folder.join("figures/errors.png"), &panels, "Errors by way")?;
+    io::write_text(&folder.join("report.md"), &text(settings, outcomes))
+}
+
+/// Mean and standard deviation over the clouds.
+fn mean_and_spread(values: &[f64]) -> (f64, f64) {
+    let count = values.len().max(1) as f64;
+    let mean = values.iter().sum::<f64>() / count;
+    let squares = values.iter().map(|value| (value - mean).powi(2)).sum::<f64>();
+    (mean, (squares / (count - 1.0).max(1.0)).sqrt())
+}
+
+fn text(settings: &ExperimentSettings, outcomes: &[Outcome]) -> String {
+    let clouds = {
+        let mut names: Vec<&str> = outcomes.iter().map(|one| one.cloud.as_str()).collect();
+        names.dedup();
+        names
+    };
+    let mut text = String::new();
+    let mut line = |words: String| {
+        writeln!(text, "{words}").expect("a string takes what is written");
+    };
+    line("# Four ways from images to a cloud\n".into());
+    line(format!(
+        "{} clouds, weights `{}`, sensor `{}`. Mean and standard deviation over the clouds.\n",
+        clouds.len(),
+        settings.weights.display(),
+        settings.sensor
+    ));
+    line("| way | ε (%) | δ (%) | time (s) | steps |".into());
+    line("|---|---|---|---|---|".into());
+    for method in &settings.methods {
+        let of = |value: fn(&Outcome) -> f64| {
+            let values: Vec<f64> =
+                outcomes.iter().filter(|one| one.method == *method).map(value).collect();
+            mean_and_spread(&values)
+        };
+        let (epsilon, delta) = (of(|one| one.relative_error), of(|one| one.mass_error));
+        let (seconds, steps) = (of(|one| one.seconds), of(|one| one.steps as f64));
+        line(format!(
+            "| {} | {:.1} ± {:.1} | {:.1} ± {:.1} | {:.3} ± {:.3} | {:.1} |",
+            method.name(),
+            100.0 * epsilon.0,
+            100.0 * epsilon.1,
+            100.0 * delta.0,
+            100.0 * delta.1,
+            seconds.0,
+            seconds.1,
+            steps.0
+        ));
+    }
+    line("\n![Errors by way](figures/errors.png)\n".into());
+    line("## By cloud\n".into());
+    line("| cloud | way | ε (%) | δ (%) | time (s) | steps | misfit | picture |".into());
+    line("|---|---|---|---|---|---|---|---|".into());
+    for one in outcomes {
+        let misfit = one.misfit.map_or("-".into(), |misfit| format!("{misfit:.2}"));
+        line(format!(
+            "| {} | {} | {:.1} | {:.1} | {:.3} | {} | {misfit} | [picture](figures/{}-{}.png) |",
+            one.cloud,
+            one.method.name(),
+            100.0 * one.relative_error,
+            100.0 * one.mass_error,
+            one.seconds,
+            one.steps,
+            one.cloud,
+            one.method.name()
+        ));
+    }
+    line(
+        "\nEach picture has slices, projections and a solid view of the estimate beside the".into(),
+    );
+    line("truth, and the scatter plot of the two.\n".into());
+    line("## Configuration\n".into());
+    line(format!("deepct {}\n", env!("CARGO_PKG_VERSION")));
+    let configuration = toml::to_string(settings).expect("plain numbers and text");
+    line(format!("```toml\n{configuration}```"));
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::Method;
+    use super::*;
+
+    #[test]
+    fn the_table_has_mean_and_spread() {
+        let outcome = |cloud: &str, method, epsilon: f64| Outcome {
+            cloud: cloud.into(),
+            method,
+            relative_error: epsilon,
+            mass_error: -0.1,
+            seconds: 2.0,
+            steps: 3,
+            misfit: None,
+            ending: None,
+        };
+        let outcomes = [
+            outcome("a", Method::Network, 0.3),
+            outcome("a", Method::Hybrid, 0.2),
+            outcome("b", Method::Network, 0.5),
+            outcome("b", Method::Hybrid, 0.2),
+        ];
+        let methods = vec![Method::Network, Method::Hybrid];
+        let text = text(&ExperimentSettings { methods, ..Default::default() }, &outcomes);
+        // The sample standard deviation of 30 and 50 is 20 / sqrt(2).
+        assert!(text.contains("| network | 40.0 ± 14.1 | -10.0 ± 0.0 | 2.000 ± 0.000 | 3.0 |"));
+        assert!(text.contains("2 clouds, weights `cloudct-10`"));
+        assert!(text.contains("(figures/b-hybrid.png)"));
+    }
+}

@@ -1,0 +1,198 @@
+//! Every cloud in every way, each result in a file of its own.
+
+use super::case::{Case, cases, scene};
+use super::{Experiment, ExperimentSettings, Method, Outcome, Watch, report};
+use crate::carve::carve;
+use crate::error::{Error, Result};
+use crate::grid::{Mask, Volume};
+use crate::inversion::{
+    Ending, InversionSettings, OrdinatesModels, Problem, Reconstruction, Start, hybrid, invert,
+    network_start,
+};
+use crate::io::{self, Provenance};
+use crate::metrics;
+use crate::network::Network;
+use crate::plot::volume_figure;
+use crate::scene::Observation;
+use crate::transport::ordinates::OrdinatesSettings;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+/// Run the experiment of `settings` in `folder`. Results that are in the folder already are
+/// kept: a run that was stopped goes on where it was.
+///
+/// # Errors
+/// A folder with an experiment of other settings; settings out of range; clouds, weights or
+/// results that cannot be read or written.
+pub fn run(settings: &ExperimentSettings, folder: &Path, watch: &dyn Watch) -> Result<Experiment> {
+    settings.check()?;
+    let weights = io::load_weights(&settings.weights)?;
+    let cases = cases(settings)?;
+    let bench = Bench { settings, folder, network: Network::new(&weights)? };
+    bench.claim()?;
+    let mut experiment = Experiment { outcomes: Vec::new(), made: 0, interrupted: false };
+    let total = cases.len() * settings.methods.len();
+    for case in &cases {
+        let mut work = None;
+        for &method in &settings.methods {
+            watch.begins(&case.name, method, experiment.outcomes.len() + 1, total);
+            if let Some(outcome) = bench.found(case, method)? {
+                experiment.outcomes.push(outcome);
+                continue;
+            }
+            let work = match &mut work {
+                Some(work) => work,
+                none => none.insert(bench.open(case)?),
+            };
+            let Some(outcome) = bench.make(case, method, work, watch)? else {
+                experiment.interrupted = true;
+                return Ok(experiment);
+            };
+            watch.made(&outcome);
+            experiment.outcomes.push(outcome);
+            experiment.made += 1;
+        }
+    }
+    report::write(folder, settings, &experiment.outcomes)?;
+    Ok(experiment)
+}
+
+/// What stays the same from cloud to cloud.
+struct Bench<'a> {
+    settings: &'a ExperimentSettings,
+    folder: &'a Path,
+    network: Network,
+}
+
+/// A cloud that is being worked on.
+struct Work {
+    truth: Volume,
+    observation: Observation,
+    mask: Mask,
+    /// Time that the carving took (s).
+    carving: f64,
+}
+
+impl Bench<'_> {
+    /// Make the folders, and make sure that they are of this experiment.
+    fn claim(&self) -> Result<()> {
+        for name in ["clouds", "results", "volumes", "figures"] {
+            let path = self.folder.join(name);
+            std::fs::create_dir_all(&path).map_err(Error::io(&path))?;
+        }
+        let path = self.folder.join("experiment.toml");
+        let text = toml::to_string(self.settings).expect("plain numbers and text");
+        match std::fs::read_to_string(&path) {
+            Ok(found) if found == text => Ok(()),
+            Ok(_) => Err(Error::file(
+                path,
+                "settings",
+                "differ from those asked for",
+                "choose another folder, or the settings that the experiment was begun with",
+            )),
+            Err(_) => io::write_text(&path, &text),
+        }
+    }
+
+    fn file(&self, folder: &str, case: &Case, method: Method, ending: &str) -> PathBuf {
+        self.folder.join(folder).join(format!("{}-{}.{ending}", case.name, method.name()))
+    }
+
+    /// The result that an earlier run left.
+    fn found(&self, case: &Case, method: Method) -> Result<Option<Outcome>> {
+        let path = self.file("results", case, method, "json");
+        if !path.exists() {
+            return Ok(None);
+        }
+        let text = std::fs::read_to_string(&path).map_err(Error::io(&path))?;
+        let remedy = "delete the file: the result is made again";
+        let outcome = serde_json::from_str(&text)
+            .map_err(|problem| Error::file(&path, "result", problem.to_string(), remedy))?;
+        Ok(Some(outcome))
+    }
+
+    fn open(&self, case: &Case) -> Result<Work> {
+        let path = self.folder.join("clouds").join(format!("{}.nc", case.name));
+        let (truth, observation) = case.open(&path, self.settings, self.network.metadata())?;
+        let began = Instant::now();
+        let mask = carve(&observation, &truth.grid, &self.settings.carve)?.mask;
+        let carving = began.elapsed().as_secs_f64();
+        Ok(Work { truth, observation, mask, carving })
+    }
+
+    /// Take one cloud one way; nothing where the watch stopped it.
+    fn make(
+        &self,
+        case: &Case,
+        method: Method,
+        work: &Work,
+        watch: &dyn Watch,
+    ) -> Result<Option<Outcome>> {
+        let began = Instant::now();
+        let reconstruction = self.reconstruct(method, work, watch)?;
+        let seconds = work.carving + began.elapsed().as_secs_f64();
+        if reconstruction.ending == Ending::Interrupted {
+            return Ok(None);
+        }
+        let Reconstruction { extinction, history, ending } = &reconstruction;
+        let (steps, misfit) = (history.len(), history.last().map(|record| record.misfit));
+        let outcome = Outcome {
+            cloud: case.name.clone(),
+            method,
+            relative_error: metrics::relative_error(&work.truth, extinction)?,
+            mass_error: metrics::mass_error(&work.truth, extinction)?,
+            seconds,
+            steps: steps.saturating_sub(1),
+            misfit,
+            ending: misfit.map(|_| *ending),
+        };
+        let title = format!("{}: {}", case.name, method.name());
+        let provenance = Provenance {
+            title: title.clone(),
+            configuration: toml::to_string(self.settings).expect("plain numbers and text"),
+            seed: self.settings.seed,
+        };
+        let volume = self.file("volumes", case, method, "nc");
+        io::write_reconstruction(&volume, &reconstruction, &work.mask, &provenance)?;
+        let figure = self.file("figures", case, method, "png");
+        volume_figure(&figure, extinction, Some(&work.truth), &title)?;
+        let text = serde_json::to_string_pretty(&outcome).expect("plain numbers and text");
+        io::write_text(&self.file("results", case, method, "json"), &text)?;
+        Ok(Some(outcome))
+    }
+
+    fn reconstruct(
+        &self,
+        method: Method,
+        work: &Work,
+        watch: &dyn Watch,
+    ) -> Result<Reconstruction> {
+        let Work { truth, observation, mask, .. } = work;
+        let problem = Problem { observation, mask, truth: Some(truth) };
+        let nothing = Volume::constant(truth.grid, 0.0);
+        let mut models = OrdinatesModels::new(
+            scene(&nothing, self.settings, observation.sun)?,
+            observation.views.clone(),
+            OrdinatesSettings::default(),
+        );
+        let settings = &self.settings.inversion;
+        match method {
+            Method::Network => {
+                let mut extinction = network_start(&self.network, observation)?;
+                mask.apply(&mut extinction)?;
+                let (history, ending) = (Vec::new(), Ending::Iterations);
+                Ok(Reconstruction { extinction, history, ending })
+            }
+            Method::Physics => {
+                let start = Start::Constant(self.settings.start);
+                invert(&problem, &mut models, &start, settings, watch)
+            }
+            Method::Hybrid => hybrid(&problem, &self.network, &mut models, settings, watch),
+            Method::QuickHybrid => {
+                let iterations = self.settings.quick_iterations;
+                let quick = InversionSettings { iterations, ..settings.clone() };
+                hybrid(&problem, &self.network, &mut models, &quick, watch)
+            }
+        }
+    }
+}

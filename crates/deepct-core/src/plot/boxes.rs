@@ -1,0 +1,153 @@
+//! Box plots: how numbers spread, group by group.
+
+use super::page::{Anchor, BLACK, Colour, Frame, LABEL, Page, TICK, TITLE};
+use super::panel::ticks;
+use crate::error::{Error, Result};
+use glam::DVec2;
+use std::path::Path;
+
+const FILL: Colour = [120, 160, 210];
+const MEDIAN: Colour = [200, 40, 30];
+/// Width of a group on the page (pixels).
+const STEP: i32 = 130;
+
+/// Numbers under one name.
+#[derive(Debug, Clone, PartialEq)]
+pub struct BoxGroup {
+    /// Below the box.
+    pub name: &'static str,
+    /// What the box is of.
+    pub values: Vec<f64>,
+}
+
+/// Minimum, quartiles and maximum.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Quartiles {
+    low: f64,
+    first: f64,
+    median: f64,
+    third: f64,
+    high: f64,
+}
+
+impl Quartiles {
+    /// By linear interpolation between the sorted values.
+    fn of(values: &[f64]) -> Self {
+        let mut sorted = values.to_vec();
+        sorted.sort_by(f64::total_cmp);
+        let at = |share: f64| {
+            let place = share * (sorted.len() - 1) as f64;
+            let (below, above) = (place.floor() as usize, place.ceil() as usize);
+            sorted[below] + (place - below as f64) * (sorted[above] - sorted[below])
+        };
+        Self { low: at(0.0), first: at(0.25), median: at(0.5), third: at(0.75), high: at(1.0) }
+    }
+}
+
+/// Draw box plots as a PNG file: a panel for each label with its groups, a box from the
+/// first to the third quartile with the median, whiskers to the extremes, a point for each
+/// number.
+///
+/// # Errors
+/// No number in a group, one that is not finite, a file that cannot be written.
+pub fn box_figure(
+    path: impl AsRef<Path>,
+    panels: &[(&str, Vec<BoxGroup>)],
+    title: &str,
+) -> Result<()> {
+    let groups = || panels.iter().flat_map(|(_, groups)| groups);
+    if let Some(group) = groups().find(|group| group.values.is_empty()) {
+        return Err(Error::out_of_range("numbers of a box", group.name, "at least one"));
+    }
+    if let Some(value) = groups().flat_map(|group| &group.values).find(|value| !value.is_finite()) {
+        return Err(Error::out_of_range("number of a box", value, "finite"));
+    }
+    let widths = panels.iter().map(|(_, groups)| groups.len() as i32 * STEP);
+    let total = widths.clone().map(|width| width + 120).sum::<i32>().max(400);
+    let mut page = Page::new([total, 560])?;
+    page.text(title, TITLE, Anchor::On, total / 2, 36);
+    let mut left = 90;
+    for ((label, groups), width) in panels.iter().zip(widths) {
+        draw_panel(&mut page, Frame { left, top: 80, width, height: 400 }, label, groups);
+        left += width + 120;
+    }
+    page.write(path.as_ref())
+}
+
+fn draw_panel(page: &mut Page, frame: Frame, label: &str, groups: &[BoxGroup]) {
+    let values = || groups.iter().flat_map(|group| &group.values).copied();
+    let (low, high) = (values().fold(0.0, f64::min), values().fold(0.0, f64::max));
+    let margin = 0.05 * (high - low).max(1e-9);
+    let low = if low < 0.0 { low - margin } else { low };
+    let range = low..high + margin;
+    let height = |value: f64| {
+        let share = (value - range.start) / (range.end - range.start);
+        f64::from(frame.bottom()) - share * f64::from(frame.height)
+    };
+    page.border(frame);
+    let right = f64::from(frame.right());
+    let left = f64::from(frame.left);
+    for (value, text) in ticks(&range, frame.height / 50) {
+        let y = height(value);
+        page.line(DVec2::new(left - 6.0, y), DVec2::new(left, y), 1.0, BLACK);
+        page.text(&text, TICK, Anchor::LeftOf, frame.left - 9, y as i32);
+    }
+    page.line(DVec2::new(left, height(0.0)), DVec2::new(right, height(0.0)), 1.0, [170; 3]);
+    page.text(label, LABEL, Anchor::UpwardsLeftOf, frame.left - 52, frame.half_way());
+    for (number, group) in groups.iter().enumerate() {
+        let middle = frame.left + STEP / 2 + number as i32 * STEP;
+        draw_box(page, f64::from(middle), &Quartiles::of(&group.values), &height);
+        for value in &group.values {
+            let point = DVec2::new(f64::from(middle) + 0.32 * f64::from(STEP), height(*value));
+            page.line(point - DVec2::X * 2.0, point + DVec2::X * 2.0, 4.0, [90; 3]);
+        }
+        page.text(group.name, LABEL, Anchor::Below, middle, frame.bottom() + 12);
+    }
+}
+
+fn draw_box(page: &mut Page, middle: f64, of: &Quartiles, height: &dyn Fn(f64) -> f64) {
+    let half = 0.2 * f64::from(STEP);
+    let at = |x: f64, value: f64| DVec2::new(middle + x * half, height(value));
+    page.line(at(0.0, of.low), at(0.0, of.high), 1.5, BLACK);
+    let (top, bottom) = (height(of.third), height(of.first));
+    let frame = Frame {
+        left: (middle - half) as i32,
+        top: top as i32,
+        width: (2.0 * half) as i32,
+        height: ((bottom - top) as i32).max(1),
+    };
+    page.fill(frame, |_, _| FILL);
+    page.border(frame);
+    page.line(at(-1.0, of.median), at(1.0, of.median), 3.0, MEDIAN);
+    for value in [of.low, of.high] {
+        page.line(at(-0.5, value), at(0.5, value), 1.5, BLACK);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// numpy.percentile([1, 2, 4, 8, 16, 32], [0, 25, 50, 75, 100]).
+    #[test]
+    fn quartiles_are_those_of_numpy() {
+        let found = Quartiles::of(&[16.0, 1.0, 8.0, 2.0, 32.0, 4.0]);
+        let expected = Quartiles { low: 1.0, first: 2.5, median: 6.0, third: 14.0, high: 32.0 };
+        assert_eq!(found, expected);
+        let one = Quartiles::of(&[3.0]);
+        assert!(one.low == 3.0 && one.median == 3.0 && one.high == 3.0);
+    }
+
+    #[test]
+    fn a_figure_is_written_and_nothing_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let group = |values: &[f64]| BoxGroup { name: "network", values: values.into() };
+        let panels = [("error (%)", vec![group(&[1.0, 2.0, 7.0]), group(&[-3.0])])];
+        let path = folder.path().join("boxes.png");
+        box_figure(&path, &panels, "Errors").unwrap();
+        let picture = image::ImageReader::open(&path).unwrap().decode().unwrap().to_rgb8();
+        assert!(picture.pixels().any(|pixel| pixel.0 == FILL));
+        assert!(box_figure(&path, &[("", vec![group(&[])])], "").is_err());
+        assert!(box_figure(&path, &[("", vec![group(&[f64::NAN])])], "").is_err());
+    }
+}
