@@ -12,8 +12,8 @@ use deepct_core::inversion::{
 use deepct_core::io::{Provenance, read_checkpoint, read_cloud, read_mask, write_reconstruction};
 use deepct_core::optics::air::Air;
 use deepct_core::scene::{Observation, Scene, Surface, Waves};
-use deepct_core::transport::ordinates::OrdinatesSettings;
-use deepct_core::{Error, Result, optics};
+use deepct_core::transport::OrdinatesSettings;
+use deepct_core::{Error, Result};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
@@ -119,7 +119,7 @@ impl Job<'_> {
         self.settings.inversion.iterations =
             flags.iterations.unwrap_or(self.settings.inversion.iterations);
         let mask = self.mask()?;
-        let truth = flags.truth.as_deref().map(read_extinction).transpose()?;
+        let truth = flags.truth.as_deref().map(|path| self.truth(path)).transpose()?;
         let problem =
             Problem { observation: &self.observation, mask: &mask, truth: truth.as_ref() };
         let checkpoint = beside(&flags.out);
@@ -165,16 +165,25 @@ impl Job<'_> {
         invert(problem, &mut models, &self.start, settings, &watch)
     }
 
+    /// What droplets do to the light of the images.
+    fn optics(&self) -> RenderSettings {
+        let optics = self.settings.optics.clone();
+        RenderSettings { wavelength: self.observation.wavelength, optics }
+    }
+
+    fn truth(&self, path: &Path) -> Result<Volume> {
+        self.optics().extinction(&read_cloud(path)?).map_err(Error::in_file(path))
+    }
+
     fn models(&self) -> Result<OrdinatesModels> {
         let Flags { surface_albedo, wind_speed, air, .. } = *self.flags;
-        let wavelength = self.observation.wavelength;
-        let optics = RenderSettings { wavelength, optics: self.settings.optics.clone() };
-        let medium = optics.medium(Cloud::from_extinction(Volume::constant(self.grid, 0.0))?)?;
+        let nothing = Cloud::from_extinction(Volume::constant(self.grid, 0.0))?;
+        let medium = self.optics().medium(nothing)?;
         let waves = wind_speed.map(Waves::new).transpose()?;
         let surface = Surface { waves, ..Surface::lambertian(surface_albedo) };
         let mut scene = Scene::new(medium, self.observation.sun, surface)?;
         if air {
-            scene = scene.with_air(Air::new(wavelength)?);
+            scene = scene.with_air(Air::new(self.observation.wavelength)?);
         }
         let solver = &self.settings.solver;
         Ok(OrdinatesModels {
@@ -235,11 +244,6 @@ fn beside(out: &Path) -> PathBuf {
     let mut name = out.as_os_str().to_owned();
     name.push(".checkpoint");
     name.into()
-}
-
-/// The extinction in a file of a cloud or volume.
-pub(crate) fn read_extinction(path: &Path) -> Result<Volume> {
-    optics::extinction(&read_cloud(path)?).map_err(Error::in_file(path))
 }
 
 fn report(reconstruction: &Reconstruction, mask: &Mask) {

@@ -1,10 +1,10 @@
 //! `deepct invert`: the extinction of a cloud from its images, by physics.
 
 use crate::global::Global;
-use crate::inversion::{DEFAULTS, Flags, InvertSettings, Job, read_extinction};
+use crate::inversion::{DEFAULTS, Flags, InvertSettings, Job};
 use crate::{Outcome, config};
 use deepct_core::inversion::Start;
-use deepct_core::io::{read_grid, read_observation};
+use deepct_core::io::{read_grid, read_observation, read_volume};
 use deepct_core::{Error, Result};
 use std::path::PathBuf;
 
@@ -21,7 +21,12 @@ pub(crate) struct Args {
     grid: PathBuf,
     /// Start: an extinction (1/km) for the whole mask, `auto` for the one that fits the
     /// images best, or a file
-    #[arg(long, default_value = "0.01", value_name = "V.nc|NUMBER|auto")]
+    #[arg(
+        long,
+        default_value = "0.01",
+        value_name = "V.nc|NUMBER|auto",
+        allow_hyphen_values = true
+    )]
     init: String,
     #[command(flatten)]
     flags: Flags,
@@ -56,6 +61,6 @@ fn start(init: &str) -> Result<Start> {
             Ok(Start::Constant(extinction))
         }
         Ok(extinction) => Err(Error::out_of_range("--init", extinction, "positive (1/km)")),
-        Err(_) => Ok(Start::Volume(read_extinction(init.as_ref())?)),
+        Err(_) => Ok(Start::Volume(read_volume(init)?)),
     }
 }

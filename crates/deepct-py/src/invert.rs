@@ -15,7 +15,7 @@ use deepct_core::inversion::{
 };
 use deepct_core::optics::{Medium, PhaseFunction};
 use deepct_core::scene::{self, Observation, Scene, Surface};
-use deepct_core::transport::ordinates::OrdinatesSettings;
+use deepct_core::transport::OrdinatesSettings;
 use numpy::PyArray3;
 use numpy::ndarray::Array3;
 use pyo3::prelude::*;

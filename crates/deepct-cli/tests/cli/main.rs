@@ -6,6 +6,7 @@ mod dataset;
 mod demo;
 mod frame;
 mod infer;
+mod invert;
 mod plot;
 mod program;
 mod render;

@@ -14,7 +14,7 @@ use crate::metrics;
 use crate::network::Network;
 use crate::plot::volume_figure;
 use crate::scene::Observation;
-use crate::transport::ordinates::OrdinatesSettings;
+use crate::transport::OrdinatesSettings;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 

@@ -6,10 +6,6 @@ use crate::image::ViewStack;
 use crate::scene::Observation;
 use ndarray::{Array3, Zip};
 
-/// Standard errors below this share of the brightest pixel are taken as this: no model is
-/// right to more digits.
-const LEAST_ERROR: f64 = 1e-3;
-
 /// Images and the standard error of each pixel.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Measurement {
@@ -19,8 +15,8 @@ pub struct Measurement {
 
 impl Measurement {
     /// The images of an observation with the standard error that it tells, or else the
-    /// `relative_noise` of the settings; the `model_error` is added in quadrature, and a
-    /// thousandth of the brightest pixel is the least.
+    /// `relative_noise` of the settings; the `model_error` and the `least_error` are added
+    /// in quadrature.
     ///
     /// # Errors
     /// Images without light; a standard error of another shape.
@@ -43,10 +39,21 @@ impl Measurement {
                 ));
             }
         };
+        let least = settings.least_error * brightest;
         let standard_error = Zip::from(&noise)
             .and(&relative(settings.model_error))
-            .map_collect(|noise, model| noise.hypot(*model).max(LEAST_ERROR * brightest) as f32);
+            .map_collect(|noise, model| noise.hypot(*model).hypot(least) as f32);
+        check_errors(&standard_error)?;
         Ok(Self { images, standard_error })
+    }
+
+    /// The same with another error of the model, a share of the radiance, in quadrature.
+    pub(super) fn with_model_error(&self, share: f64) -> Self {
+        let images = self.images.clone();
+        let standard_error = Zip::from(&self.standard_error)
+            .and(&images.values)
+            .map_collect(|error, radiance| error.hypot(share as f32 * radiance));
+        Self { images, standard_error }
     }
 
     /// Number of pixels.
@@ -65,6 +72,19 @@ impl Measurement {
             let residual = f64::from(model - seen) / f64::from(*error);
             residual * residual
         });
+        Ok(squares.sum::<f64>() / self.pixels() as f64)
+    }
+
+    /// The mean over all pixels of the squared residual, in units of the brightest pixel:
+    /// bright pixels count most.
+    ///
+    /// # Errors
+    /// Images of another shape.
+    pub(super) fn difference(&self, images: &ViewStack) -> Result<f64> {
+        self.check(images)?;
+        let brightest = f64::from(self.images.brightest());
+        let residuals = images.values.iter().zip(&self.images.values);
+        let squares = residuals.map(|(model, seen)| (f64::from(model - seen) / brightest).powi(2));
         Ok(squares.sum::<f64>() / self.pixels() as f64)
     }
 
@@ -105,5 +125,50 @@ impl Measurement {
             format!("{:?}", images.shape()),
             "give the model the views of the observation",
         ))
+    }
+}
+
+fn check_errors(standard_error: &Array3<f32>) -> Result<()> {
+    match standard_error.indexed_iter().find(|(_, error)| !(error.is_finite() && **error > 0.0)) {
+        None => Ok(()),
+        Some(((view, row, col), error)) => Err(Error::out_of_range(
+            "standard error",
+            format!("{error} at [view {view}, row {row}, col {col}]"),
+            "positive and finite (1/sr): set a relative_noise, model_error or least_error",
+        )),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::DVec3;
+    use crate::scene::{Sun, View};
+
+    /// Worked by hand: radiances 3 and 4, brightest 4.
+    #[test]
+    fn errors_add_in_quadrature() {
+        let view = View::orthographic(DVec3::Z, DVec3::ZERO, 0.1, [1, 2]).unwrap();
+        let stack = |a, b| ViewStack::new(ndarray::array![[[a, b]]]).unwrap();
+        let mut seen = Observation::new(Sun::default(), vec![view], stack(3.0, 4.0)).unwrap();
+        seen.standard_error = Some(stack(0.3, 0.0));
+        let settings = InversionSettings {
+            model_error: 0.1,
+            least_error: 0.1,
+            ..InversionSettings::default()
+        };
+        let measured = Measurement::new(&seen, &settings).unwrap();
+        // 0.09 + 0.09 + 0.16 and 0 + 0.16 + 0.16.
+        let misfit = measured.misfit(&stack(4.0, 3.0)).unwrap();
+        assert!((misfit - 0.5 * (1.0 / 0.34 + 1.0 / 0.32)).abs() < 1e-6, "{misfit}");
+        let derivative = measured.derivative(&stack(4.0, 3.0)).unwrap();
+        assert!((derivative.values[[0, 0, 0]] - 0.5 / 0.34).abs() < 1e-6);
+        assert!((derivative.values[[0, 0, 1]] + 0.5 / 0.32).abs() < 1e-6);
+        let coarse = measured.with_model_error(0.2).misfit(&stack(4.0, 3.0)).unwrap();
+        assert!((coarse - 0.5 * (1.0 / 0.70 + 1.0 / 0.96)).abs() < 1e-6, "{coarse}");
+        assert!((measured.difference(&stack(4.0, 3.0)).unwrap() - 1.0 / 16.0).abs() < 1e-9);
+        let exact = InversionSettings { model_error: 0.0, least_error: 0.0, ..settings };
+        let problem = Measurement::new(&seen, &exact).unwrap_err().to_string();
+        assert!(problem.contains("col 1"), "{problem}");
     }
 }

@@ -24,6 +24,7 @@ mod prior;
 mod run;
 mod scale;
 mod settings;
+mod surface;
 mod variables;
 
 pub use checkpoint::Checkpoint;

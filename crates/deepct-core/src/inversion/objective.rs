@@ -39,6 +39,13 @@ impl<'a> Objective<'a> {
         self.misfit
     }
 
+    /// How far the images at `x` are from those that were measured, whatever their
+    /// standard errors.
+    pub(super) fn difference(&mut self, x: &[f64]) -> Result<f64> {
+        let images = self.model.images(&self.variables.extinction(x)?)?;
+        self.measurement.difference(&images)
+    }
+
     /// Give each variable the unit in which the curvature of the objective at `x` is about
     /// the same for all of them.
     ///

@@ -174,7 +174,9 @@ impl<'a> Run<'a> {
         let Level { block, grid, shares } = level;
         let variables = Variables::new(*grid, shares, self.settings);
         let prior = Smoothness::new(grid, shares, *block, self.settings.typical_gradient);
-        let measurement = self.measurement.clone();
+        let coarse_error =
+            if *block > 1 { *block as f64 * self.settings.coarse_error } else { 0.0 };
+        let measurement = self.measurement.with_model_error(coarse_error);
         let mut objective =
             Objective::new(models.model(&level.mask()?)?, &measurement, variables, prior);
         let (mut minimiser, mut iteration) = match beginning {
@@ -422,6 +424,8 @@ mod tests {
             iterations: 100,
             coarse: vec![2],
             model_error: 0.0,
+            least_error: 1e-3,
+            coarse_error: 0.0,
             relative_noise: 1e-3,
             typical_gradient: 0.0,
             change: 0.0,

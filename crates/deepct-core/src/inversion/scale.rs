@@ -1,7 +1,6 @@
 //! The factor by which a start fits the images best.
 
 use super::objective::Objective;
-use super::optimiser::Function;
 use crate::error::Result;
 use crate::grid::Volume;
 
@@ -12,7 +11,9 @@ const MOST_IMAGES: usize = 16;
 /// The logarithm of the factor is found to about this.
 const ENOUGH: f64 = 0.1;
 
-/// Multiply an extinction by the factor of the least misfit.
+/// Multiply an extinction by the factor whose images are nearest to those measured. All
+/// pixels count alike: a start that is far off would else be thinned until the dim edges
+/// of the cloud, whose errors are small, fit.
 ///
 /// Strides in the logarithm of the factor grow as long as they pay; then the interval
 /// around the lowest place is narrowed by parabolas.
@@ -20,7 +21,7 @@ pub(super) fn scale(objective: &mut Objective, cloudy: &mut Volume) -> Result<()
     let value = |logarithm: f64| -> Result<f64> {
         let scaled = cloudy.values.mapv(|value| value * logarithm.exp() as f32);
         let x = objective.variables.of(&Volume::new(cloudy.grid, scaled)?);
-        objective.value(&x)
+        objective.difference(&x)
     };
     let best = lowest(value)?;
     cloudy.values *= best.exp() as f32;

@@ -32,6 +32,11 @@ pub struct InversionSettings {
     pub relative_noise: f64,
     /// Standard error of the model over the radiance, added in quadrature.
     pub model_error: f64,
+    /// Standard error of every pixel over the brightest one, added in quadrature.
+    pub least_error: f64,
+    /// Standard error of the model on a grid of blocks over the radiance, by the side of
+    /// the blocks; added in quadrature.
+    pub coarse_error: f64,
     /// Gradient of the extinction (1/km over 1 km) that is taken as typical: steeper ones
     /// cost, in proportion to their square. 0 leaves this out.
     pub typical_gradient: f64,
@@ -67,7 +72,9 @@ impl Default for InversionSettings {
             scale_start: true,
             relative_noise: 0.01,
             model_error: 0.01,
-            typical_gradient: 1000.0,
+            least_error: 0.002,
+            coarse_error: 0.03,
+            typical_gradient: 200.0,
             misfit: 1.0,
             change: 1e-3,
         }
@@ -89,6 +96,8 @@ impl InversionSettings {
         let not_negative = [
             ("relative_noise", self.relative_noise),
             ("model_error", self.model_error),
+            ("least_error", self.least_error),
+            ("coarse_error", self.coarse_error),
             ("typical_gradient", self.typical_gradient),
             ("misfit", self.misfit),
             ("change", self.change),

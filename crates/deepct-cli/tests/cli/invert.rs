@@ -1,0 +1,88 @@
+use crate::program::Program;
+use deepct_core::cloud::Cloud;
+use deepct_core::grid::{Grid, Volume};
+use deepct_core::io::{Provenance, read_mask, read_volume, write_cloud};
+use deepct_core::math::DVec3;
+use deepct_core::metrics::relative_error;
+
+/// The images of a ball of 20 /km above a surface.
+fn ball(program: &Program) -> Volume {
+    let grid = Grid::new(DVec3::new(0.0, 0.0, 0.8), DVec3::splat(0.05), [8, 16, 16]).unwrap();
+    let mut ball = Volume::constant(grid, 0.0);
+    for ((k, j, i), extinction) in ball.values.indexed_iter_mut() {
+        if grid.voxel_center([k, j, i]).distance(grid.center()) < 0.15 {
+            *extinction = 20.0;
+        }
+    }
+    let provenance = Provenance { title: "A ball".into(), configuration: "".into(), seed: 0 };
+    let cloud = Cloud::from_extinction(ball.clone()).unwrap();
+    write_cloud(program.path("C.nc"), &cloud, &provenance).unwrap();
+    program.succeed("render C.nc --views cloudct-10 --samples 256 --out I.nc");
+    ball
+}
+
+#[test]
+fn an_inversion_comes_near_the_truth_and_leaves_nothing_but_its_answer() {
+    let program = Program::new();
+    let truth = ball(&program);
+    let line = "invert I.nc --grid C.nc --truth C.nc --iterations 12 --set inversion.coarse=[2] \
+                --out V.nc";
+    let run = program.run(line);
+    assert_eq!(run.code, 0, "{}", run.stderr);
+    // A line for each step where there is no terminal.
+    assert!(run.stderr.contains("blocks of 2, step 1, misfit"), "{}", run.stderr);
+    assert!(run.stdout.contains("epsilon") && run.stdout.contains("steps"), "{}", run.stdout);
+    assert_eq!(program.files(), ["C.nc", "I.nc", "V.nc"]);
+    let (found, mask) =
+        (read_volume(program.path("V.nc")).unwrap(), read_mask(program.path("V.nc")).unwrap());
+    assert!(relative_error(&truth, &found).unwrap() < 0.6);
+    let mut outside = found.values.iter().zip(&mask.values).filter(|(_, inside)| !**inside);
+    assert!(mask.count() < mask.values.len() && outside.all(|(value, _)| *value == 0.0));
+    // From there, one more step is taken, and less is left to do.
+    let again = program.run("invert I.nc --grid C.nc --init V.nc --iterations 1 --out W.nc");
+    assert!(again.code == 0 && again.stderr.contains("step 0"), "{}", again.stderr);
+    program.succeed("score --truth C.nc V.nc W.nc");
+}
+
+#[test]
+fn what_cannot_be_inverted_is_refused() {
+    let program = Program::new();
+    ball(&program);
+    let line = "invert I.nc --grid C.nc --out V.nc";
+    for (wrong, words) in [
+        ("--init -3", ["--init", "positive"]),
+        ("--init none.nc", ["none.nc", "does not exist"]),
+        ("--mask I.nc", ["I.nc", "mask"]),
+        ("--set inversion.memroy=3", ["memroy", "deepct config invert"]),
+        ("--set inversion.softness=0", ["softness", "positive"]),
+        ("--surface-albedo 2", ["surface albedo", "2"]),
+    ] {
+        program.refuse(&format!("{line} {wrong}"), &words);
+    }
+    let wrong = "invert C.nc --grid C.nc --out V.nc";
+    program.refuse(wrong, &["C.nc", "radiance"]);
+    // The images are not of a scene at the altitude that the weights are for.
+    program.refuse("hybrid I.nc --weights cloudct-10 --out V.nc", &["I.nc"]);
+}
+
+#[test]
+fn an_experiment_is_run_once_and_reported() {
+    let program = Program::new();
+    let settings = "generated = 1\nsamples_per_pixel = 8\nquick_iterations = 1\n\
+                    [inversion]\niterations = 1\ncoarse = [8]\ncoarse_iterations = 2\n";
+    std::fs::write(program.path("E.toml"), settings).unwrap();
+    let first = program.succeed("experiment E.toml --out E");
+    assert!(first.contains("4 results, 4 of them made now"), "{first}");
+    std::fs::remove_file(program.path("E/results/generated-1-hybrid.json")).unwrap();
+    let again = program.succeed("experiment E.toml --out E");
+    assert!(again.contains("4 results, 1 of them made now"), "{again}");
+    let report = std::fs::read_to_string(program.path("E/report.md")).unwrap();
+    for method in ["network", "physics", "hybrid", "quick-hybrid"] {
+        assert!(report.contains(&format!("| generated-1 | {method} |")), "{report}");
+        assert!(program.path(&format!("E/figures/generated-1-{method}.png")).exists());
+        read_volume(program.path(&format!("E/volumes/generated-1-{method}.nc"))).unwrap();
+    }
+    assert!(program.path("E/figures/errors.png").exists());
+    program.refuse("experiment E.toml --set seed=2 --out E", &["experiment.toml", "settings"]);
+    program.refuse("experiment E.toml --set generated=0 --out F", &["E.toml", "clouds"]);
+}
