@@ -20,7 +20,7 @@ pub(crate) struct Args {
     /// mie_water_672nm.nc, for more of the suite mie
     #[arg(long, value_name = "DIR")]
     reference: Option<PathBuf>,
-    /// Fifty times the work, for noise as small as that of the references
+    /// Twenty-five times the work or more, for a noise of 1e-3 of the values or less
     #[arg(long)]
     long: bool,
     /// Print JSON

@@ -60,6 +60,48 @@ def test_an_absorbing_slab_dims_the_surface(grid):
     assert abs(radiance.radiance.mean() - expected) < 4.0 * error + 1e-6
 
 
+def test_a_wanted_noise_is_reached(grid, extinction, views):
+    rendering = deepct_py.render(extinction, grid, views, noise=0.05)
+    squares = []
+    for radiance, error in zip(rendering.radiance, rendering.standard_error):
+        bright = radiance >= 0.5 * radiance.max()
+        squares.append((error[bright] / radiance[bright]) ** 2)
+    assert 0.03 < np.sqrt(np.concatenate(squares).mean()) <= 0.0501
+    again = deepct_py.render(
+        extinction, grid, views, samples_per_pixel=rendering.samples_per_pixel
+    )
+    np.testing.assert_allclose(again.radiance.mean(), rendering.radiance.mean(), rtol=0.02)
+
+
+def test_droplets_have_a_glory(grid, extinction):
+    """Back to the Sun droplets are far brighter than beside it, and those of one radius are
+    those of that radius everywhere."""
+    views = [
+        deepct_py.View.orthographic(zenith, 45.0, grid.center, 0.05, size=(16, 16))
+        for zenith in (30.0, 18.0)
+    ]
+    options = {"samples_per_pixel": 64, "surface_albedo": 0.0, "wavelength": 0.86}
+    one = deepct_py.render(extinction, grid, views, effective_radius=10.0, **options).radiance
+    radii = np.where(extinction > 0.0, np.float32(10.0), np.float32(0.0))
+    everywhere = deepct_py.render(extinction, grid, views, effective_radius=radii, **options)
+    np.testing.assert_array_equal(one, everywhere.radiance)
+    smooth = deepct_py.render(extinction, grid, views, **options).radiance
+    contrast = (one[0].mean() / one[1].mean()) / (smooth[0].mean() / smooth[1].mean())
+    assert contrast > 1.1
+
+
+def test_air_and_waves_add_light(grid, views):
+    clear = np.zeros(grid.shape, np.float32)
+    options = {"samples_per_pixel": 64, "surface_albedo": 0.0}
+
+    def mean(**more):
+        return deepct_py.render(clear, grid, views, **options, **more).radiance.mean()
+
+    assert mean() == 0.0
+    assert mean(wind_speed=7.0) > 0.0
+    assert mean(air=True, wavelength=0.45) > 4.0 * mean(air=True, wavelength=0.7)
+
+
 def test_noise_has_the_variance_of_the_sensor():
     """V = N + dark charge + read noise^2 + (step of the converter)^2 / 12, in electrons."""
     sensor = deepct_py.Sensor.preset("cmv4000")

@@ -68,8 +68,8 @@ pub struct Effort {
 impl Effort {
     /// A second or so for each case.
     pub const QUICK: Self = Self { samples: 200_000, relative_error: f64::INFINITY, seed: 1 };
-    /// Some minutes for each suite: noise of the size of the references' own.
-    pub const LONG: Self = Self { samples: 10_000_000, relative_error: 1e-3, seed: 1 };
+    /// Some minutes for each suite: a noise of 1e-3 of the value or less.
+    pub const LONG: Self = Self { samples: 5_000_000, relative_error: 1e-3, seed: 1 };
 }
 
 /// One comparison.

@@ -122,6 +122,8 @@ class Rendering:
     def radiance(self) -> NDArray[np.float32]: ...
     @property
     def standard_error(self) -> NDArray[np.float32]: ...
+    @property
+    def samples_per_pixel(self) -> int: ...
 
 def render(
     extinction: ArrayLike,
@@ -129,11 +131,17 @@ def render(
     views: Union[Views, Sequence[View]],
     sun: Optional[Sun] = None,
     *,
-    samples_per_pixel: int = 256,
+    samples_per_pixel: Optional[int] = None,
+    noise: Optional[float] = None,
     seed: int = 1,
     asymmetry: float = 0.86,
     single_scattering_albedo: float = 1.0,
+    effective_radius: Union[float, ArrayLike, None] = None,
+    effective_variance: float = 0.1,
+    wavelength: float = 0.672,
     surface_albedo: float = 0.05,
+    wind_speed: Optional[float] = None,
+    air: bool = False,
     trilinear: bool = False,
     periodic: bool = False,
     similarity_after: Optional[int] = None,
