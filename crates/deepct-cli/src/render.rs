@@ -44,7 +44,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "SHARE")]
     noise: Option<f64>,
     /// After this many scatterings, go on without the forward peak: less noise for the same
-    /// time; after 4, the view means of a thick cloud are less than 0.3 % off
+    /// time; after 4, the view means of a thick cloud are less than 0.4 % off
     #[arg(long, value_name = "N")]
     similarity_after: Option<u32>,
     /// Angle between the zenith and the Sun (degrees)

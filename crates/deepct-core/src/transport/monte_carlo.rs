@@ -35,7 +35,7 @@ pub struct MonteCarloSettings {
     pub seed: u64,
     /// After this many scatterings a path goes on in similar media, thinner and with less
     /// and less of the forward peak: faster and less noisy, but biased. After 4 the view
-    /// means of thick clouds are less than 0.3 % off. `None`, the default, is unbiased.
+    /// means of thick clouds are less than 0.4 % off. `None`, the default, is unbiased.
     pub similarity_after: Option<u32>,
 }
 
