@@ -160,7 +160,7 @@ impl Job<'_> {
         let watch = InversionProgress::start(global, self.what, steps, Some(kept));
         if self.flags.resume && kept.0.exists() {
             let checkpoint = read_checkpoint(kept.0, kept.1)?;
-            return resume(problem, &mut models, checkpoint, settings, &watch);
+            return resume(problem, &mut models, (&self.start, checkpoint), settings, &watch);
         }
         invert(problem, &mut models, &self.start, settings, &watch)
     }

@@ -5,6 +5,7 @@ use super::prior::Smoothness;
 use super::variables::Variables;
 use super::{ForwardModel, InversionSettings, Measurement};
 use crate::error::Result;
+use crate::grid::Volume;
 use crate::image::ViewStack;
 use crate::rng::{Purpose, RngExt, stream};
 
@@ -18,6 +19,8 @@ pub(super) struct Objective<'a> {
     pub(super) measurement: &'a Measurement,
     pub(super) variables: Variables,
     pub(super) prior: Smoothness,
+    /// Extinction of the cloudy parts that the prior expects (1/km).
+    expected: Vec<f64>,
     /// The point of the last value, with the model's images there.
     last: Option<(Vec<f64>, ViewStack)>,
     /// Misfit at the point of the last gradient.
@@ -31,7 +34,19 @@ impl<'a> Objective<'a> {
         variables: Variables,
         prior: Smoothness,
     ) -> Self {
-        Self { model, measurement, variables, prior, last: None, misfit: f64::INFINITY }
+        let expected = vec![0.0; variables.len()];
+        Self { model, measurement, variables, prior, expected, last: None, misfit: f64::INFINITY }
+    }
+
+    /// Expect an extinction of the cloudy parts: the prior is then about what differs.
+    pub(super) fn expect(&mut self, cloudy: &Volume) {
+        self.expected = self.variables.gather(&cloudy.values.mapv(f64::from));
+    }
+
+    /// What differs at `x` from what the prior expects (1/km).
+    fn unexpected(&self, x: &[f64]) -> Vec<f64> {
+        let cloudy = self.variables.cloudy(x);
+        cloudy.iter().zip(&self.expected).map(|(cloudy, expected)| cloudy - expected).collect()
     }
 
     /// Misfit at the point of the last gradient.
@@ -86,7 +101,7 @@ impl Function for Objective<'_> {
     fn value(&mut self, x: &[f64]) -> Result<f64> {
         let images = self.model.images(&self.variables.extinction(x)?)?;
         let misfit = self.measurement.misfit(&images)?;
-        let prior = self.prior.value(&self.variables.cloudy(x));
+        let prior = self.prior.value(&self.unexpected(x));
         self.last = Some((x.to_vec(), images));
         Ok(0.5 * misfit + prior / self.measurement.pixels() as f64)
     }
@@ -96,7 +111,7 @@ impl Function for Objective<'_> {
         self.misfit = self.measurement.misfit(images)?;
         let derivatives = self.model.gradient(&self.measurement.derivative(images)?)?;
         let pixels = self.measurement.pixels() as f64;
-        let mut prior = self.prior.gradient(&self.variables.cloudy(x));
+        let mut prior = self.prior.gradient(&self.unexpected(x));
         prior.iter_mut().for_each(|derivative| *derivative /= pixels);
         Ok(self.variables.pull_back(x, &derivatives, &prior))
     }

@@ -31,7 +31,7 @@ pub fn invert(
     settings: &InversionSettings,
     watch: &dyn Watch,
 ) -> Result<Reconstruction> {
-    let mut run = Run::new(problem, settings, watch)?;
+    let mut run = Run::new(problem, start, settings, watch)?;
     let (mut extinction, search) = run.first(start)?;
     let mut ending = Ending::Iterations;
     for (number, block) in run.blocks(start).into_iter().enumerate() {
@@ -45,18 +45,18 @@ pub fn invert(
     Ok(Reconstruction { extinction, history: run.history, ending })
 }
 
-/// Go on from a checkpoint of [`invert`] with the same problem, models and settings.
+/// Go on from a checkpoint of [`invert`] with the same problem, models, start and settings.
 ///
 /// # Errors
 /// As [`invert`]; a checkpoint of another problem.
 pub fn resume(
     problem: &Problem,
     models: &mut dyn Models,
-    checkpoint: Checkpoint,
+    (start, checkpoint): (&Start, Checkpoint),
     settings: &InversionSettings,
     watch: &dyn Watch,
 ) -> Result<Reconstruction> {
-    let mut run = Run::new(problem, settings, watch)?;
+    let mut run = Run::new(problem, start, settings, watch)?;
     run.history = checkpoint.history.clone();
     run.seconds = checkpoint.history.last().map_or(0.0, |record| record.seconds);
     let first = checkpoint.block;
@@ -104,6 +104,8 @@ struct Run<'a> {
     settings: &'a InversionSettings,
     watch: &'a dyn Watch,
     measurement: Measurement,
+    /// What the prior expects (1/km): a start that differs from voxel to voxel.
+    expected: Option<&'a Volume>,
     history: Vec<Record>,
     /// Time that was spent before this run.
     seconds: f64,
@@ -113,6 +115,7 @@ struct Run<'a> {
 impl<'a> Run<'a> {
     fn new(
         problem: &Problem<'a>,
+        start: &'a Start,
         settings: &'a InversionSettings,
         watch: &'a dyn Watch,
     ) -> Result<Self> {
@@ -126,8 +129,26 @@ impl<'a> Run<'a> {
             metrics::check_truth(truth)?;
         }
         let measurement = Measurement::new(observation, settings)?;
+        let expected = match start {
+            Start::Volume(volume) => {
+                check_grid("grid of the start", &mask.grid, &volume.grid)?;
+                volume.check_non_negative("extinction of the start")?;
+                Some(volume)
+            }
+            Start::Constant(_) | Start::Search => None,
+        };
         let (history, began) = (Vec::new(), Instant::now());
-        Ok(Self { mask, truth, settings, watch, measurement, history, seconds: 0.0, began })
+        Ok(Self {
+            mask,
+            truth,
+            settings,
+            watch,
+            measurement,
+            expected,
+            history,
+            seconds: 0.0,
+            began,
+        })
     }
 
     /// The extinction to start with, and whether its factor is searched for.
@@ -141,11 +162,7 @@ impl<'a> Run<'a> {
             Start::Constant(extinction) => {
                 return Err(Error::out_of_range("start", extinction, "positive (1/km)"));
             }
-            Start::Volume(volume) => {
-                check_grid("grid of the start", &grid, &volume.grid)?;
-                volume.check_non_negative("extinction of the start")?;
-                (volume.clone(), self.settings.scale_start)
-            }
+            Start::Volume(volume) => (volume.clone(), false),
         };
         Ok((volume, search))
     }
@@ -179,6 +196,9 @@ impl<'a> Run<'a> {
         let measurement = self.measurement.with_model_error(coarse_error);
         let mut objective =
             Objective::new(models.model(&level.mask()?)?, &measurement, variables, prior);
+        if let Some(expected) = self.expected {
+            objective.expect(&means(expected, self.mask, *block)?);
+        }
         let (mut minimiser, mut iteration) = match beginning {
             Beginning::Volume(extinction, search) => {
                 let cloudy = means(extinction, self.mask, *block)?;
@@ -507,7 +527,7 @@ mod tests {
             let part = invert(&problem, &mut models, &start, &settings, &keeper).unwrap();
             assert!(part.ending == Ending::Interrupted && part.history.len() == stop_after + 1);
             let checkpoint = keeper.kept.borrow().last().unwrap().clone();
-            let rest = resume(&problem, &mut models, checkpoint, &settings, &()).unwrap();
+            let rest = resume(&problem, &mut models, (&start, checkpoint), &settings, &()).unwrap();
             assert_eq!(rest.extinction, whole.extinction);
             assert_eq!(rest.ending, whole.ending);
             assert_eq!(rest.history.len(), whole.history.len());

@@ -26,7 +26,8 @@ pub struct InversionSettings {
     /// Random combinations of the pixels by which the sensitivity to each voxel is
     /// estimated before the first step; 0 leaves all voxels alike.
     pub probes: usize,
-    /// Whether the start is first multiplied by the factor that fits the images best.
+    /// Whether a start that is the same everywhere is first multiplied by the factor that
+    /// fits the images best.
     pub scale_start: bool,
     /// Standard error of a pixel over its radiance, where the images do not tell it.
     pub relative_noise: f64,
@@ -37,8 +38,9 @@ pub struct InversionSettings {
     /// Standard error of the model on a grid of blocks over the radiance, by the side of
     /// the blocks; added in quadrature.
     pub coarse_error: f64,
-    /// Gradient of the extinction (1/km over 1 km) that is taken as typical: steeper ones
-    /// cost, in proportion to their square. 0 leaves this out.
+    /// Gradient of the extinction (1/km over 1 km) that is taken as typical, or of what
+    /// differs from a start that is not the same everywhere: steeper ones cost, in
+    /// proportion to their square. 0 leaves this out.
     pub typical_gradient: f64,
     /// Stop when the misfit, the mean square of the residuals over their standard error,
     /// is no greater than this (discrepancy principle of Morozov 1966: 1). 0 leaves this
@@ -72,9 +74,9 @@ impl Default for InversionSettings {
             scale_start: true,
             relative_noise: 0.01,
             model_error: 0.01,
-            least_error: 0.002,
+            least_error: 0.005,
             coarse_error: 0.03,
-            typical_gradient: 200.0,
+            typical_gradient: 300.0,
             misfit: 1.0,
             change: 1e-3,
         }
