@@ -61,10 +61,14 @@ impl Rays<'_> {
         }
     }
 
-    /// Optical depths towards the Sun from eight points of each active cell.
-    pub(super) fn sun_depths(&self, sun: DVec3) -> Vec<[f32; 8]> {
+    /// Optical depths towards the Sun from eight points of each active cell; `air` tells
+    /// that of the air above an altitude.
+    pub(super) fn sun_depths(&self, sun: DVec3, air: impl Fn(f64) -> f64 + Sync) -> Vec<[f32; 8]> {
         let from = |slot: usize| {
-            std::array::from_fn(|point| self.depth(self.sun_ray(slot, point, sun)) as f32)
+            std::array::from_fn(|point| {
+                let ray = self.sun_ray(slot, point, sun);
+                (self.depth(ray) + air(ray.origin.z)) as f32
+            })
         };
         (0..self.lattice.len()).into_par_iter().map(from).collect()
     }

@@ -5,6 +5,7 @@
 
 use super::beam::{Rays, spread_sun_depth, sun_depth};
 use super::quadrature::spherical_harmonics;
+use super::surroundings::{Outside, Surroundings};
 use crate::grid::Grid;
 use crate::math::{DVec3, Ray};
 use crate::scene::{Projection, View};
@@ -67,6 +68,8 @@ pub(super) struct Camera<'a> {
     /// Towards the Sun.
     pub(super) sun: DVec3,
     pub(super) sun_depths: &'a [[f32; 8]],
+    pub(super) surroundings: &'a Surroundings,
+    pub(super) shadow_depths: &'a [f32],
     /// Moments of radiance, `[slot][4][harmonic]`.
     pub(super) moments: &'a [f32],
     /// Number of rays along each side of a pixel.
@@ -80,8 +83,9 @@ pub(super) struct Camera<'a> {
 pub(super) struct Derivative {
     /// By the extinction of each voxel, at the radiance that there is.
     pub(super) extinction: Vec<f64>,
-    /// By the depths towards the Sun.
+    /// By the depths towards the Sun from the cells, and from the surface.
     pub(super) sun_depths: Vec<[f32; 8]>,
+    pub(super) shadow_depths: Vec<f64>,
     /// By the moments of radiance, all of which see the camera alike: by what is scattered
     /// towards it, mean and slopes.
     pub(super) scattered: Vec<[f32; 4]>,
@@ -134,8 +138,10 @@ impl Camera<'_> {
     pub(super) fn radiance(&self, view: &View, pixel: [usize; 2], scattered: &[[f32; 4]]) -> f64 {
         let mut points = Vec::new();
         let radiance = |ray| {
-            self.walk(ray, scattered, &mut points);
-            points.iter().map(Point::radiance).sum::<f64>()
+            let beyond = self.walk(ray, scattered, &mut points);
+            beyond.before
+                + beyond.transmittance * beyond.outside.radiance()
+                + points.iter().map(Point::radiance).sum::<f64>()
         };
         let (sum, count) = self
             .pixel_rays(view, pixel)
@@ -156,9 +162,11 @@ impl Camera<'_> {
         let weight = weight / (self.rays_per_side * self.rays_per_side) as f64;
         let mut points = Vec::new();
         for ray in self.pixel_rays(view, pixel) {
-            self.walk(ray, scattered, &mut points);
+            let beyond = self.walk(ray, scattered, &mut points);
+            let value = weight * beyond.transmittance;
+            self.surroundings.spread(&beyond.outside, value, &mut into.shadow_depths);
             // Backwards: what is behind a point is weakened by it.
-            let mut behind = 0.0;
+            let mut behind = beyond.transmittance * beyond.outside.radiance();
             for pair in points.chunks_exact(2).rev() {
                 let seen = [pair[0].radiance(), pair[1].radiance()];
                 let before = before_points();
@@ -192,15 +200,22 @@ impl Camera<'_> {
             .map(move |n| view.ray(row as f64 + place(n / count), col as f64 + place(n % count)))
     }
 
-    /// The points of a ray, two and two.
-    fn walk(&self, ray: Ray, scattered: &[[f32; 4]], points: &mut Vec<Point>) {
+    /// The points of a ray, two and two; and what is before and behind them.
+    fn walk(&self, ray: Ray, scattered: &[[f32; 4]], points: &mut Vec<Point>) -> Beyond {
         points.clear();
         let Rays { lattice, optics, extinction } = self.rays;
         let cosine = ray.direction.dot(self.sun);
         let before = before_points();
         let mut depth = 0.0;
+        let mut inside: Option<[f64; 2]> = None;
+        let mut air = 1.0;
         for segment in lattice.segments(ray) {
             let Some(slot) = segment.slot else { continue };
+            let leave = segment.enter + segment.length;
+            if inside.is_none() {
+                air = self.surroundings.transmittance(&ray, 0.0, segment.enter);
+            }
+            inside = Some([inside.map_or(segment.enter, |ends| ends[0]), leave]);
             let reach = segment.to - segment.from;
             let kept = f64::from(optics.kept(slot));
             // Not by the extinction that there is: the radiance would jump where it changes.
@@ -229,13 +244,33 @@ impl Camera<'_> {
                         weight: 0.5 * length,
                         source: sunlight + diffuse,
                         sunlight,
-                        transmittance: (-depth - own).exp(),
+                        transmittance: air * (-depth - own).exp(),
                     });
                 }
                 depth += kept * length * 0.5 * (values[0] + values[1]);
             }
         }
+        let Some([enter, leave]) = inside else {
+            let outside = self.surroundings.outside(&ray, self.shadow_depths);
+            return Beyond { before: 0.0, transmittance: 1.0, outside };
+        };
+        let behind = Ray { origin: ray.at(leave), ..ray };
+        Beyond {
+            before: self.surroundings.before(&ray, enter),
+            transmittance: self.surroundings.transmittance(&ray, 0.0, leave) * (-depth).exp(),
+            outside: self.surroundings.outside(&behind, self.shadow_depths),
+        }
     }
+}
+
+/// What a ray sees before and behind the cloud.
+#[derive(Debug, Clone, Copy)]
+struct Beyond {
+    /// Light of the air before the cloud.
+    before: f64,
+    /// Transmittance from behind the cloud to the camera, and what is there.
+    transmittance: f64,
+    outside: Outside,
 }
 
 impl Point {
@@ -246,10 +281,11 @@ impl Point {
 
 impl Derivative {
     /// Nothing yet.
-    pub(super) fn new(voxels: usize, slots: usize) -> Self {
+    pub(super) fn new(voxels: usize, slots: usize, shadow: usize) -> Self {
         Self {
             extinction: vec![0.0; voxels],
             sun_depths: vec![[0.0; 8]; slots],
+            shadow_depths: vec![0.0; shadow],
             scattered: vec![[0.0; 4]; slots],
         }
     }

@@ -35,6 +35,15 @@ pub(super) struct Transport<'a> {
     pub(super) kept: &'a [[f32; 4]],
 }
 
+/// Where radiance comes from, besides scattering.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Origin<'a> {
+    /// The source in the cells, `[slot][4][harmonic]`.
+    pub(super) own: &'a [f32],
+    /// What comes in through the faces from outside, by octant; empty if nothing does.
+    pub(super) outside: &'a [Faces],
+}
+
 impl Transport<'_> {
     fn lattice(&self) -> &Lattice {
         self.rays.lattice
@@ -58,11 +67,12 @@ impl Transport<'_> {
     }
 
     /// Faces of an octant with what comes in through them.
-    fn incoming(&self, field: &Field, number: usize, octant: &Octant) -> Faces {
-        let dark = Faces::dark(self.lattice(), octant);
+    fn incoming(&self, field: &Field, outside: &[Faces], number: usize, octant: &Octant) -> Faces {
+        let outside = outside.get(number).cloned();
+        let outside = outside.unwrap_or_else(|| Faces::dark(self.lattice(), octant));
         match field.sides.get(number) {
-            None => dark,
-            Some(sides) => Faces { z: dark.z, ..sides.clone() },
+            None => outside,
+            Some(sides) => Faces { z: outside.z, ..sides.clone() },
         }
     }
 
@@ -90,13 +100,13 @@ impl Transport<'_> {
 
     /// The radiance of a source, with what came in through the sides; and what comes in
     /// next.
-    pub(super) fn sweep(&self, source: &[f32], field: &Field) -> Field {
+    fn sweep(&self, source: &[f32], outside: &[Faces], field: &Field) -> Field {
         let octants: Vec<(usize, &Octant)> = self.quadrature.octants.iter().enumerate().collect();
         let together = |octants: &[(usize, &Octant)]| {
             let mut moments = Moments { values: vec![0.0; source.len()] };
             let mut sides = Vec::new();
             for (number, octant) in octants {
-                let mut faces = self.incoming(field, *number, octant);
+                let mut faces = self.incoming(field, outside, *number, octant);
                 sweep(self.medium(), octant, source, &mut faces, &mut moments);
                 if !field.sides.is_empty() {
                     sides.push(only_sides(faces));
@@ -115,26 +125,26 @@ impl Transport<'_> {
         whole
     }
 
-    /// What comes of a field and a source of its own in one more sweep.
-    fn next(&self, field: &Field, own: &[f32]) -> Field {
+    /// The light that is scattered and that of the origin.
+    fn source(&self, field: &Field, origin: Origin) -> Vec<f32> {
         let mut source = self.scatter(&field.moments);
-        source.par_iter_mut().zip(own).for_each(|(sum, value)| *sum += value);
-        self.sweep(&source, field)
+        source.par_iter_mut().zip(origin.own).for_each(|(sum, value)| *sum += value);
+        source
     }
 
-    /// The radiance of a source that is scattered on and on, from a first guess, and the
+    /// The radiance of an origin that is scattered on and on, from a first guess, and the
     /// number of sweeps: by the generalised minimal residual method (Saad and Schultz 1986)
     /// until the change of a sweep is less than `tolerance` of the radiance.
     pub(super) fn solve(
         &self,
-        own: &[f32],
+        origin: Origin,
         mut field: Field,
         tolerance: f64,
         most_sweeps: usize,
     ) -> (Field, usize) {
         let mut sweeps = 0;
         loop {
-            let next = self.next(&field, own);
+            let next = self.sweep(&self.source(&field, origin), origin.outside, &field);
             sweeps += 1;
             let mut change = next.clone();
             change.add(-1.0, &field);
@@ -158,7 +168,7 @@ impl Transport<'_> {
         for number in 0..RESTART {
             let direction = &directions[number];
             let mut image = direction.clone();
-            image.add(-1.0, &self.sweep(&self.scatter(&direction.moments), direction));
+            image.add(-1.0, &self.sweep(&self.scatter(&direction.moments), &[], direction));
             let mut column = Vec::new();
             for direction in &directions {
                 let along = image.dot(direction);
@@ -195,34 +205,42 @@ impl Transport<'_> {
         columns.len()
     }
 
-    /// The derivative by the mean and slopes of the extinction without the peak, of a
-    /// quantity that has the `adjoint` radiance.
-    pub(super) fn by_extinction(&self, [field, source]: [&(Field, Vec<f32>); 2]) -> Vec<[f32; 4]> {
+    /// The derivative of a quantity by the mean and slopes of the extinction without the
+    /// peak, from the radiance, the adjoint radiance and their origins; and the adjoint
+    /// radiance that leaves through the faces which the light of each octant comes in by.
+    pub(super) fn by_extinction(
+        &self,
+        [(forward, origin), (adjoint, adjoint_origin)]: [(&Field, Origin); 2],
+    ) -> (Vec<[f32; 4]>, Vec<Faces>) {
         let slots = self.lattice().len();
         let octants: Vec<(usize, &Octant)> = self.quadrature.octants.iter().enumerate().collect();
-        let ((forward, forward_source), (adjoint, adjoint_source)) = (field, source);
+        let sources = [self.source(forward, origin), self.source(adjoint, adjoint_origin)];
         let together = |octants: &[(usize, &Octant)]| {
             let mut products = vec![[0.0; 4]; slots];
+            let mut leaving = Vec::new();
             for (number, octant) in octants {
-                let opposite = 7 - number;
                 let mut radiance = Radiance { values: vec![0.0; slots * 4 * octant.ordinates] };
-                let mut faces = self.incoming(forward, *number, octant);
-                sweep(self.medium(), octant, forward_source, &mut faces, &mut radiance);
+                let mut faces = self.incoming(forward, origin.outside, *number, octant);
+                sweep(self.medium(), octant, &sources[0], &mut faces, &mut radiance);
+                let opposite = 7 - number;
                 let other = &self.quadrature.octants[opposite];
-                let mut faces = self.incoming(adjoint, opposite, other);
+                let mut faces = self.incoming(adjoint, &[], opposite, other);
                 let mut visit = Products { radiance: &radiance.values, sums: &mut products };
-                sweep(self.medium(), other, adjoint_source, &mut faces, &mut visit);
+                sweep(self.medium(), other, &sources[1], &mut faces, &mut visit);
+                leaving.push(faces);
             }
-            products
+            (products, leaving)
         };
         let parts: Vec<_> = octants.par_chunks(TOGETHER).map(together).collect();
         let mut sums = vec![[0.0; 4]; slots];
-        for part in parts {
-            for (sum, part) in sums.iter_mut().zip(part) {
+        let mut leaving = Vec::new();
+        for (products, faces) in parts {
+            for (sum, part) in sums.iter_mut().zip(products) {
                 (0..4).for_each(|m| sum[m] -= part[m]);
             }
+            leaving.extend(faces);
         }
-        sums
+        (sums, leaving)
     }
 }
 

@@ -42,7 +42,8 @@ struct Active {
 pub(super) struct Segment {
     /// The slot of the cell, if it is active.
     pub(super) slot: Option<usize>,
-    /// Length (km).
+    /// Distance from the ray's origin at which it enters, and length (km).
+    pub(super) enter: f64,
     pub(super) length: f64,
     /// Where it enters and leaves, from 0 to 1 along x, y, z of the cell.
     pub(super) from: DVec3,
@@ -173,6 +174,7 @@ impl Lattice {
             let local = |distance: f64| (ray.at(distance) - grid.origin) / grid.spacing - corner;
             Segment {
                 slot: self.slot((k * ny + j % ny) * nx + i % nx),
+                enter: step.enter,
                 length: step.exit - step.enter,
                 from: local(step.enter),
                 to: local(step.exit),

@@ -16,6 +16,7 @@ mod diffuse;
 mod lattice;
 mod optics;
 mod quadrature;
+mod surroundings;
 mod sweep;
 
 use super::{check_scene, check_sizes};
@@ -27,17 +28,23 @@ use crate::optics::Medium;
 use crate::scene::{Scene, View};
 use beam::{PARTS, Rays, add_all};
 use camera::{Camera, Derivative, Tile, tiles};
-use diffuse::{Field, Transport, reverse};
+use diffuse::{Field, Origin, Transport, reverse};
 use lattice::Lattice;
 use ndarray::Array3;
 use optics::Optics;
-use quadrature::{Quadrature, spherical_harmonics};
+use quadrature::{Octant, Quadrature, spherical_harmonics};
 use rayon::prelude::*;
+use surroundings::Surroundings;
+use sweep::Faces;
+
+/// The most cells that a voxel is split into along an axis.
+const MOST_PARTS: f64 = 4.0;
 
 /// Settings of the deterministic solver.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct OrdinatesSettings {
-    /// Number of zenith angles of the ordinates, even; there are twice as many azimuths.
+    /// Number of zenith angles of the ordinates, a multiple of 4; there are twice as many
+    /// azimuths.
     pub zenith_angles: usize,
     /// The iteration ends when a sweep changes the radiance by less than this share.
     pub tolerance: f64,
@@ -67,11 +74,11 @@ impl Default for OrdinatesSettings {
 
 impl OrdinatesSettings {
     fn check(&self) -> Result<()> {
-        if !(2..=32).contains(&self.zenith_angles) || self.zenith_angles % 2 == 1 {
+        if !(4..=32).contains(&self.zenith_angles) || !self.zenith_angles.is_multiple_of(4) {
             return Err(Error::out_of_range(
                 "zenith angles of the ordinates",
                 self.zenith_angles,
-                "even, from 2 to 32",
+                "a multiple of 4 from 4 to 32",
             ));
         }
         if !(self.cell_depth > 0.0 && self.cell_depth.is_finite()) {
@@ -110,6 +117,7 @@ pub struct OrdinatesModel {
     largest_extinction: f64,
     lattice: Lattice,
     optics: Optics,
+    surroundings: Surroundings,
     quadrature: Quadrature,
     state: Option<State>,
     adjoint: Option<Field>,
@@ -123,6 +131,10 @@ struct State {
     whole: Vec<[f32; 4]>,
     kept: Vec<[f32; 4]>,
     sun_depths: Vec<[f32; 8]>,
+    /// Depths towards the Sun from the surface.
+    shadow_depths: Vec<f32>,
+    /// What comes in through the faces, by octant.
+    outside: Vec<Faces>,
     /// Light scattered for the first time, without the peak: `[slot][4][harmonic]`.
     first: Vec<f32>,
     field: Field,
@@ -145,13 +157,6 @@ impl OrdinatesModel {
         check_scene(scene)?;
         check_sizes(views)?;
         settings.check()?;
-        if !scene.surface.is_black() || scene.air.is_some() {
-            return Err(Error::out_of_range(
-                "surface and air of the deterministic solver",
-                "there are some",
-                "a black surface and no air",
-            ));
-        }
         let medium = &scene.medium;
         let grid = &medium.extinction.grid;
         let extinction = standard(&medium.extinction.values);
@@ -176,6 +181,7 @@ impl OrdinatesModel {
             tiles: all_tiles(views),
             settings: *settings,
             largest_extinction,
+            surroundings: Surroundings::new(scene, &lattice),
             lattice,
             optics,
             quadrature,
@@ -268,6 +274,8 @@ impl OrdinatesModel {
             voxels: &self.scene.medium.extinction.grid,
             sun: self.scene.sun.towards(),
             sun_depths: &state.sun_depths,
+            surroundings: &self.surroundings,
+            shadow_depths: &state.shadow_depths,
             moments: &state.field.moments,
             rays_per_side: self.settings.rays_per_side,
             largest_extinction: self.largest_extinction,
@@ -313,16 +321,35 @@ impl OrdinatesModel {
             .zip(&whole)
             .map(|(slot, whole)| whole.map(|value| self.optics.kept(slot) * value))
             .collect();
-        let sun_depths = rays.sun_depths(self.scene.sun.towards());
+        let surroundings = &self.surroundings;
+        let air = |altitude| surroundings.sun_depth(altitude);
+        let sun_depths = rays.sun_depths(self.scene.sun.towards(), air);
+        let shadow_depths = surroundings.shadow_depths(&rays);
+        let incoming =
+            |octant: &Octant| surroundings.incoming(&self.lattice, octant, &shadow_depths);
+        let outside = match surroundings.is_dark() {
+            true => Vec::new(),
+            false => self.quadrature.octants.par_iter().map(incoming).collect(),
+        };
         let stopped = rays.stopped(&sun_depths);
         let first = self.first(&stopped);
         let transport = self.transport(rays, &whole, &kept);
         let start =
             self.state.as_ref().map_or_else(|| transport.dark(), |state| state.field.clone());
         let OrdinatesSettings { tolerance, most_sweeps, .. } = self.settings;
-        let (field, sweeps) = transport.solve(&first, start, tolerance, most_sweeps);
+        let origin = Origin { own: &first, outside: &outside };
+        let (field, sweeps) = transport.solve(origin, start, tolerance, most_sweeps);
         self.sweeps = sweeps;
-        self.state = Some(State { extinction, whole, kept, sun_depths, first, field });
+        self.state = Some(State {
+            extinction,
+            whole,
+            kept,
+            sun_depths,
+            shadow_depths,
+            outside,
+            first,
+            field,
+        });
     }
 
     /// The derivative by voxel, and the adjoint radiance.
@@ -336,17 +363,24 @@ impl OrdinatesModel {
         reverse(&mut by_moments, count);
         let start = self.adjoint.clone().unwrap_or_else(|| transport.dark());
         let OrdinatesSettings { tolerance, most_sweeps, .. } = self.settings;
-        let (adjoint, _) = transport.solve(&by_moments, start, tolerance, most_sweeps);
+        let backward = Origin { own: &by_moments, outside: &[] };
+        let (adjoint, _) = transport.solve(backward, start, tolerance, most_sweeps);
 
         // What extinction does to light on its way, forwards and backwards.
-        let total = |field: &Field, own: &[f32]| {
-            let mut source = transport.scatter(&field.moments);
-            source.iter_mut().zip(own).for_each(|(sum, value)| *sum += value);
-            source
-        };
-        let forward = (state.field.clone(), total(&state.field, &state.first));
-        let backward = (adjoint.clone(), total(&adjoint, &by_moments));
-        let by_kept = transport.by_extinction([&forward, &backward]);
+        let forward = Origin { own: &state.first, outside: &state.outside };
+        let (by_kept, leaving) =
+            transport.by_extinction([(&state.field, forward), (&adjoint, backward)]);
+        if !state.shadow_depths.is_empty() {
+            for (octant, leaving) in self.quadrature.octants.iter().zip(&leaving) {
+                self.surroundings.spread_incoming(
+                    &self.lattice,
+                    octant,
+                    &state.shadow_depths,
+                    leaving,
+                    &mut derivative.shadow_depths,
+                );
+            }
+        }
 
         // What it does to scattering, again and for the first time.
         let mut reversed = adjoint.moments.clone();
@@ -371,7 +405,8 @@ impl OrdinatesModel {
                 *sum = cell(&reversed, m).iter().zip(&turned).map(|(a, b)| a * b).sum();
             }
         }
-        let Derivative { extinction, sun_depths, .. } = &mut derivative;
+        let Derivative { extinction, sun_depths, shadow_depths, .. } = &mut derivative;
+        self.surroundings.spread_shadow_depths(&rays, shadow_depths, extinction);
         rays.spread_stopped(&state.sun_depths, &by_stopped, extinction, sun_depths);
         rays.spread_sun_depths(self.scene.sun.towards(), sun_depths, extinction);
         (derivative.extinction, adjoint)
@@ -381,17 +416,21 @@ impl OrdinatesModel {
     /// of the radiance.
     fn seen(&self, state: &State, weights: &ViewStack) -> (Derivative, Vec<f32>) {
         let camera = self.camera(state);
-        let (voxels, slots) = (state.extinction.len(), self.lattice.len());
+        let nothing = || {
+            let slots = self.lattice.len();
+            Derivative::new(state.extinction.len(), slots, state.shadow_depths.len())
+        };
+        let slots = self.lattice.len();
         let count = self.quadrature.harmonics;
         let irradiance = self.scene.sun.irradiance;
-        let mut sum = Derivative::new(voxels, slots);
+        let mut sum = nothing();
         let mut by_moments = vec![0.0; slots * 4 * count];
         for tile in &self.tiles {
             let view = &self.views[tile.view];
             let scattered = camera.scattered(tile, view);
             let pixels: Vec<_> = tile.pixels().collect();
             let part = |pixels: &[[usize; 2]]| {
-                let mut part = Derivative::new(voxels, slots);
+                let mut part = nothing();
                 for pixel in pixels {
                     let [row, col] = *pixel;
                     let weight = irradiance * f64::from(weights.values[[tile.view, row, col]]);
@@ -403,6 +442,7 @@ impl OrdinatesModel {
             let mut by_scattered = vec![[0.0_f32; 4]; slots];
             for part in parts {
                 add_all(&mut sum.extinction, std::slice::from_ref(&part.extinction));
+                add_all(&mut sum.shadow_depths, std::slice::from_ref(&part.shadow_depths));
                 add_rows(&mut sum.sun_depths, &part.sun_depths);
                 add_rows(&mut by_scattered, &part.scattered);
             }
@@ -428,7 +468,7 @@ fn all_tiles(views: &[View]) -> Vec<Tile> {
 fn split(medium: &Medium, largest: f64, settings: &OrdinatesSettings) -> [usize; 3] {
     let kept = optics::kept(&medium.scattering, settings.zenith_angles);
     let parts = kept * largest * medium.extinction.grid.spacing / settings.cell_depth;
-    parts.ceil().max(DVec3::ONE).to_array().map(|n| n as usize)
+    parts.ceil().clamp(DVec3::ONE, DVec3::splat(MOST_PARTS)).to_array().map(|n| n as usize)
 }
 
 /// Add arrays of rows.

@@ -36,7 +36,8 @@ pub(super) struct Octant {
 }
 
 impl Quadrature {
-    /// The ordinates of an even number of zenith angles, and twice as many azimuths.
+    /// The ordinates of a multiple of 4 zenith angles, so that harmonics fill whole vectors
+    /// too, and twice as many azimuths.
     pub(super) fn new(zenith_angles: usize) -> Self {
         let harmonics = zenith_angles * zenith_angles;
         let octants = (0..8).map(|number| Octant::new(number, zenith_angles)).collect();
@@ -149,7 +150,7 @@ mod tests {
     /// Products of two harmonics integrate to 1 or 0, and opposite octants are opposite.
     #[test]
     fn ordinates_integrate_products_of_harmonics() {
-        for zenith_angles in [2, 4, 8, 12] {
+        for zenith_angles in [4, 8, 12] {
             let Quadrature { harmonics, octants } = Quadrature::new(zenith_angles);
             let mut products = vec![0.0_f64; harmonics * harmonics];
             for octant in &octants {
