@@ -27,7 +27,7 @@ impl OrdinatesModels {
     /// The solver with its own settings, and half of its ordinates on coarser grids.
     pub fn new(scene: Scene, views: Vec<View>, settings: OrdinatesSettings) -> Self {
         let coarse_settings = OrdinatesSettings {
-            zenith_angles: (settings.zenith_angles / 4 * 2).max(4).min(settings.zenith_angles),
+            zenith_angles: (settings.zenith_angles / 8 * 4).max(4),
             ..settings
         };
         Self { scene, views, settings, coarse_settings }

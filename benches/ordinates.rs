@@ -1,0 +1,63 @@
+//! The deterministic solver on a real cloud, beside the images of two other codes.
+//!
+//! `ordinates FOLDER [ASYMMETRY [ZENITH_ANGLES]]` computes the five views of the cloud in
+//! FOLDER (rico32_cloud.nc, rico32_views.nc) one after the other and prints a row for each:
+//! the view mean against those of Mitsuba and of SHDOM, the mean absolute difference of the
+//! pixels from SHDOM's over the mean, the sweeps and the seconds, those of the first
+//! solution in the first row.
+
+use deepct_core::io::{read_reference_view, read_volume};
+use deepct_core::optics::{Interpolation, Medium, PhaseFunction};
+use deepct_core::scene::{Scene, Sun, Surface};
+use deepct_core::transport::{OrdinatesModel, OrdinatesSettings};
+use std::path::Path;
+use std::time::Instant;
+
+type AnyError = Box<dyn std::error::Error>;
+
+/// The radiances of the files are for a flux of 1 through a horizontal plane.
+const SUN_ZENITH_DEG: f64 = 30.0;
+
+fn main() -> Result<(), AnyError> {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let folder = Path::new(arguments.first().ok_or("ordinates FOLDER [ASYMMETRY [ANGLES]]")?);
+    let asymmetry: f64 = arguments.get(1).map_or(Ok(0.85), |text| text.parse())?;
+    let zenith_angles = arguments.get(2).map_or(Ok(8), |text| text.parse())?;
+    let mark = if asymmetry == 0.0 { "g000" } else { "g085" };
+    let extinction = read_volume(folder.join("rico32_cloud.nc"))?;
+    let phase = PhaseFunction::henyey_greenstein(asymmetry)?;
+    let medium =
+        Medium::new(extinction.clone(), 1.0, phase)?.with_interpolation(Interpolation::Trilinear);
+    let scene = Scene::new(medium, Sun::from_degrees(SUN_ZENITH_DEG, 225.0)?, Surface::BLACK)?;
+    let settings = OrdinatesSettings { zenith_angles, ..Default::default() };
+    let mut model: Option<OrdinatesModel> = None;
+    println!("view      mean      to Mitsuba  to SHDOM  pixels  sweeps  seconds");
+    for name in ["nadir", "plus26", "minus26", "plus46", "minus46"] {
+        let expected = read_reference_view(&folder.join("rico32_views.nc"), name, mark)?;
+        let start = Instant::now();
+        let mut solver = match model.take() {
+            None => OrdinatesModel::new(&scene, &[expected.view], None, &settings)?,
+            Some(mut solver) => {
+                solver.look_from(&[expected.view])?;
+                solver
+            }
+        };
+        let images = solver.images(&extinction)?;
+        let seconds = start.elapsed().as_secs_f64();
+        let flux = SUN_ZENITH_DEG.to_radians().cos().recip();
+        let found: Vec<f64> = images.values.iter().map(|value| flux * f64::from(*value)).collect();
+        let (sum, sum_of) =
+            (found.iter().sum::<f64>(), |values: &[f64]| values.iter().sum::<f64>());
+        let apart: f64 = found.iter().zip(&expected.shdom).map(|(a, b)| (a - b).abs()).sum();
+        println!(
+            "{name:<9} {:.6}  {:+9.2} %  {:+6.2} %  {:4.2} %  {:6}  {seconds:7.2}",
+            sum / found.len() as f64,
+            100.0 * (sum / sum_of(&expected.mitsuba) - 1.0),
+            100.0 * (sum / sum_of(&expected.shdom) - 1.0),
+            100.0 * apart / sum_of(&expected.shdom),
+            solver.sweeps(),
+        );
+        model = Some(solver);
+    }
+    Ok(())
+}
