@@ -22,7 +22,7 @@ fn main() -> Result<()> {
     // What the cameras see, by random light paths.
     let phase_function = PhaseFunction::henyey_greenstein(CLOUD_ASYMMETRY)?;
     let medium = Medium::new(cloud.clone(), 1.0, phase_function)?;
-    let scene = Scene::new(medium, Sun::default(), Surface::OCEAN)?;
+    let scene = Scene::new(medium, Sun::default(), Surface::BLACK)?;
     let views = Formation::cloudct_10().views(grid.center(), [24, 24])?;
     let settings = MonteCarloSettings { samples_per_pixel: 1024, ..Default::default() };
     let rendering = render(&scene, &views, &Solver::MonteCarlo(settings), &())?;

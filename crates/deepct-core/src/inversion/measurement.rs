@@ -2,11 +2,14 @@
 
 use super::InversionSettings;
 use crate::error::{Error, Result};
+use crate::grid::Mask;
 use crate::image::ViewStack;
-use crate::scene::Observation;
+use crate::scene::{Observation, View};
+use crate::traverse::walk;
 use ndarray::{Array3, Zip};
 
-/// Images and the standard error of each pixel.
+/// Images and the standard error of each pixel; pixels that do not count have an infinite
+/// one.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Measurement {
     images: ViewStack,
@@ -56,9 +59,26 @@ impl Measurement {
         Self { images, standard_error }
     }
 
-    /// Number of pixels.
+    /// The same without the pixels whose sights miss the mask: they say nothing of what is
+    /// inside.
+    pub(super) fn of_mask(&self, mask: &Mask, views: &[View]) -> Self {
+        let mut standard_error = self.standard_error.clone();
+        let parts = [[0.5, 0.5], [0.01, 0.01], [0.01, 0.99], [0.99, 0.01], [0.99, 0.99]];
+        for ((view, row, col), error) in standard_error.indexed_iter_mut() {
+            let sees = parts.iter().any(|[down, right]| {
+                let ray = views[view].ray(row as f64 + down, col as f64 + right);
+                walk(&mask.grid, &ray).any(|step| mask.values[step.voxel])
+            });
+            if !sees {
+                *error = f32::INFINITY;
+            }
+        }
+        Self { images: self.images.clone(), standard_error }
+    }
+
+    /// Number of pixels that count.
     pub fn pixels(&self) -> usize {
-        self.standard_error.len()
+        self.standard_error.iter().filter(|error| error.is_finite()).count().max(1)
     }
 
     /// The mean over all pixels of the squared residual over its standard error.
@@ -142,8 +162,9 @@ fn check_errors(standard_error: &Array3<f32>) -> Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::grid::Grid;
     use crate::math::DVec3;
-    use crate::scene::{Sun, View};
+    use crate::scene::Sun;
 
     /// Worked by hand: radiances 3 and 4, brightest 4.
     #[test]
@@ -167,6 +188,13 @@ mod tests {
         let coarse = measured.with_model_error(0.2).misfit(&stack(4.0, 3.0)).unwrap();
         assert!((coarse - 0.5 * (1.0 / 0.70 + 1.0 / 0.96)).abs() < 1e-6, "{coarse}");
         assert!((measured.difference(&stack(4.0, 3.0)).unwrap() - 1.0 / 16.0).abs() < 1e-9);
+        // The second pixel, to the east, sees nothing of a mask in the west.
+        let grid = Grid::new(DVec3::new(-0.1, -0.05, 0.0), DVec3::splat(0.1), [1, 1, 2]).unwrap();
+        let west = Mask::new(grid, ndarray::array![[[true, false]]]).unwrap();
+        let half = measured.of_mask(&west, &seen.views);
+        assert_eq!(half.pixels(), 1);
+        let misfit = half.misfit(&stack(4.0, 9.0)).unwrap();
+        assert!((misfit - 1.0 / 0.34).abs() < 1e-6, "{misfit}");
         let exact = InversionSettings { model_error: 0.0, least_error: 0.0, ..settings };
         let problem = Measurement::new(&seen, &exact).unwrap_err().to_string();
         assert!(problem.contains("col 1"), "{problem}");

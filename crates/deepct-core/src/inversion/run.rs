@@ -128,7 +128,8 @@ impl<'a> Run<'a> {
             check_grid("grid of the truth", &mask.grid, &truth.grid)?;
             metrics::check_truth(truth)?;
         }
-        let measurement = Measurement::new(observation, settings)?;
+        let measurement =
+            Measurement::new(observation, settings)?.of_mask(mask, &observation.views);
         let expected = match start {
             Start::Volume(volume) => {
                 check_grid("grid of the start", &mask.grid, &volume.grid)?;
@@ -532,6 +533,32 @@ mod tests {
             assert_eq!(rest.ending, whole.ending);
             assert_eq!(rest.history.len(), whole.history.len());
         }
+    }
+
+    /// Where the images say next to nothing, a rough start is not smoothed.
+    #[test]
+    fn a_start_is_what_the_prior_expects() {
+        let (truth, observation, mut models) = observe();
+        let mask = mask(&truth);
+        let problem = Problem { observation: &observation, mask: &mask, truth: None };
+        let settings = InversionSettings {
+            relative_noise: 1e3,
+            least_error: 1e3,
+            typical_gradient: 1.0,
+            misfit: 0.0,
+            iterations: 5,
+            coarse: vec![],
+            scale_start: false,
+            ..settings()
+        };
+        let rough = |(k, j, i): (usize, usize, usize)| ((k + j + i) % 3) as f32;
+        let mut rough =
+            Volume::new(truth.grid, Array3::from_shape_fn(truth.grid.shape, rough)).unwrap();
+        mask.apply(&mut rough).unwrap();
+        let start = Start::Volume(rough.clone());
+        let found = invert(&problem, &mut models, &start, &settings, &()).unwrap().extinction;
+        let change = metrics::relative_error(&rough, &found).unwrap();
+        assert!(change < 0.01, "{change}");
     }
 
     #[test]
