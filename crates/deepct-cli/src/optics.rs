@@ -28,6 +28,8 @@ pub(crate) struct OpticsSettings {
     asymmetry: f64,
     single_scattering_albedo: f64,
     distribution: SizeDistribution,
+    /// Width of the band of wavelengths (um).
+    bandwidth: f64,
     #[serde(skip_serializing_if = "Option::is_none")]
     effective_variance: Option<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -102,15 +104,16 @@ impl RenderSettings {
         }
     }
 
-    /// The optics of the cloud's droplets at the wavelength.
+    /// The optics of the cloud's droplets in the light of the band.
     fn table(&self, cloud: &Cloud) -> Result<DropletTable> {
         let water = DropletSettings::water(self.wavelength);
         let mean = cloud.microphysics.as_ref().map(Microphysics::mean_effective_variance);
         let variance = self.optics.effective_variance.or(mean);
-        DropletTable::of(&DropletSettings {
+        let settings = DropletSettings {
             effective_variance: variance.unwrap_or(water.effective_variance),
             distribution: self.optics.distribution,
             ..water
-        })
+        };
+        DropletTable::of_band(&settings, self.optics.bandwidth)
     }
 }

@@ -5,6 +5,7 @@
 //! same everywhere or by the size of each voxel's droplets ([`DropletTable`]).
 
 pub mod air;
+mod band;
 mod droplet_table;
 mod mie;
 mod moments;

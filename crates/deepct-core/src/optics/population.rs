@@ -131,7 +131,7 @@ impl DropletTable {
 }
 
 /// Effective radii from 1 to 25 um, a twelfth of their size apart.
-fn default_radii() -> Vec<f64> {
+pub(super) fn default_radii() -> Vec<f64> {
     let count = 40;
     (0..=count).map(|i| 25_f64.powf(f64::from(i) / f64::from(count))).collect()
 }
@@ -225,7 +225,7 @@ impl Spheres {
 
 /// Cosines from -1 to 1 at which phase functions are tabulated: 0.02 degrees apart where
 /// droplets scatter forward and back, up to half a degree in between.
-fn cosines() -> Vec<f64> {
+pub(super) fn cosines() -> Vec<f64> {
     let mut angles = vec![0.0_f64];
     let mut angle = 0.0_f64;
     while angle < 90.0 {

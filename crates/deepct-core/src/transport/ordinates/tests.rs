@@ -1,12 +1,12 @@
 //! The solver against finite differences of itself.
 
-use super::super::{MonteCarloSettings, Solver, render};
 use super::*;
 use crate::grid::Grid;
 use crate::math::{DVec3, towards};
 use crate::optics::air::Air;
 use crate::optics::{Interpolation, Medium, PhaseFunction};
 use crate::scene::{Boundary, Sun, Surface, View};
+use crate::transport::{MonteCarloSettings, Solver, render};
 
 /// The solver's tolerance in these tests.
 const TOLERANCE: f64 = 1e-6;

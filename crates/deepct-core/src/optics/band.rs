@@ -1,0 +1,125 @@
+//! Droplets in the light of a band of wavelengths.
+
+use super::population::{cosines, default_radii};
+use super::{DropletOptics, DropletSettings, DropletTable, PhaseFunction};
+use crate::error::{Error, Result};
+
+/// Wavelengths of a band.
+const WAVELENGTHS: usize = 8;
+/// Temperature of the Sun as a black body (K), which the weights of wavelengths are taken
+/// from, and Planck's constant times the speed of light over Boltzmann's (um K).
+const SUN_TEMPERATURE: f64 = 5772.0;
+const SECOND_RADIATION: f64 = 14_387.77;
+
+impl DropletTable {
+    /// The table of droplets with effective radii from 1 to 25 um in sunlight between the
+    /// settings' wavelength minus and plus half a `width` (um), in which all wavelengths are
+    /// seen alike: means weighted by Planck's law for the Sun, of the extinction, and by what
+    /// each wavelength has of it, of albedo and phase function. A width of 0 is the one
+    /// wavelength.
+    ///
+    /// # Errors
+    /// A negative width, or a setting or wavelength out of range.
+    pub fn of_band(settings: &DropletSettings, width: f64) -> Result<Self> {
+        Self::mie_band(settings, width, &default_radii())
+    }
+
+    /// As [`DropletTable::of_band`], for the given effective radii.
+    fn mie_band(settings: &DropletSettings, width: f64, radii: &[f64]) -> Result<Self> {
+        if width == 0.0 {
+            return Self::mie(settings, radii);
+        }
+        if !(width > 0.0 && width < 2.0 * settings.wavelength) {
+            let range = "from 0 to less than twice the wavelength (um)";
+            return Err(Error::out_of_range("width of the band", width, range));
+        }
+        let mut sum: Vec<Sum> = Vec::new();
+        for number in 0..WAVELENGTHS {
+            let place = (number as f64 + 0.5) / WAVELENGTHS as f64 - 0.5;
+            let wavelength = settings.wavelength + place * width;
+            let table = Self::mie(&DropletSettings { wavelength, ..*settings }, radii)?;
+            let light = sunlight(wavelength);
+            sum.resize_with(table.nodes().len(), Sum::default);
+            sum.iter_mut().zip(table.nodes()).for_each(|(sum, node)| sum.add(light, node));
+        }
+        Self::new(sum.into_iter().map(Sum::mean).collect::<Result<_>>()?)
+    }
+}
+
+/// Droplets of one effective radius in the light of some wavelengths.
+#[derive(Debug, Default)]
+struct Sum {
+    effective_radius: f64,
+    light: f64,
+    extinction: f64,
+    scattering: f64,
+    densities: Vec<f64>,
+}
+
+impl Sum {
+    fn add(&mut self, light: f64, node: &DropletOptics) {
+        let extinction = light * node.extinction_per_water;
+        let scattering = extinction * node.single_scattering_albedo;
+        let cosines = cosines();
+        self.effective_radius = node.effective_radius;
+        self.light += light;
+        self.extinction += extinction;
+        self.scattering += scattering;
+        self.densities.resize(cosines.len(), 0.0);
+        for (sum, cosine) in self.densities.iter_mut().zip(cosines) {
+            *sum += scattering * node.phase_function.density(cosine);
+        }
+    }
+
+    fn mean(self) -> Result<DropletOptics> {
+        Ok(DropletOptics {
+            effective_radius: self.effective_radius,
+            extinction_per_water: self.extinction / self.light,
+            single_scattering_albedo: (self.scattering / self.extinction).min(1.0),
+            phase_function: PhaseFunction::tabulated(cosines(), self.densities)?,
+        })
+    }
+}
+
+/// Planck's law for the Sun's temperature, by wavelength (um), up to a constant.
+fn sunlight(wavelength: f64) -> f64 {
+    wavelength.powi(-5) / (SECOND_RADIATION / (wavelength * SUN_TEMPERATURE)).exp_m1()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The maximum of Planck's law is at 2897.77 um K over the temperature (Wien).
+    #[test]
+    fn the_sun_shines_most_in_the_green() {
+        let peak = 2897.77 / SUN_TEMPERATURE;
+        assert!(sunlight(peak) > sunlight(0.99 * peak) && sunlight(peak) > sunlight(1.01 * peak));
+        // Planck's law at twice the wavelength of the maximum: 0.2998 of that.
+        let ratio = sunlight(2.0 * peak) / sunlight(peak);
+        let x = 4.965_114;
+        let exact = (f64::exp(x) - 1.0) / ((f64::exp(0.5 * x) - 1.0) * 32.0);
+        assert!((ratio - exact).abs() < 1e-5, "{ratio} {exact}");
+    }
+
+    /// A narrow band is its wavelength; a band lies between its ends, and evens out the
+    /// ripples of the cloudbow.
+    #[test]
+    fn a_band_is_the_mean_of_its_wavelengths() {
+        let at = |wavelength, width| {
+            let settings = DropletSettings::water(wavelength);
+            DropletTable::mie_band(&settings, width, &[11.0]).unwrap().nodes()[0].clone()
+        };
+        let (one, narrow) = (at(0.67, 0.0), at(0.67, 1e-6));
+        assert!((one.extinction_per_water / narrow.extinction_per_water - 1.0).abs() < 1e-5);
+        let cosine = 140_f64.to_radians().cos();
+        let [a, b] = [&one, &narrow].map(|node| node.phase_function.density(cosine));
+        assert!((a / b - 1.0).abs() < 1e-3, "{a} {b}");
+        let (band, ends) = (at(0.67, 0.2), [at(0.5825, 0.0), at(0.7575, 0.0)]);
+        let inside = ends[0].extinction_per_water..ends[1].extinction_per_water;
+        assert!(inside.contains(&band.extinction_per_water), "{band:?}");
+        let settings = DropletSettings::water(0.67);
+        assert!(DropletTable::of_band(&settings, -0.1).is_err());
+        assert!(DropletTable::of_band(&settings, 1.4).is_err());
+    }
+}
