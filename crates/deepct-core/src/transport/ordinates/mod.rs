@@ -12,12 +12,16 @@
 
 mod beam;
 mod camera;
+mod derivative;
 mod diffuse;
 mod lattice;
 mod optics;
 mod quadrature;
+mod settings;
 mod surroundings;
 mod sweep;
+
+pub use settings::OrdinatesSettings;
 
 use super::{check_scene, check_sizes};
 use crate::error::{Error, Result};
@@ -26,9 +30,9 @@ use crate::image::ViewStack;
 use crate::math::DVec3;
 use crate::optics::Medium;
 use crate::scene::{Scene, View};
-use beam::{PARTS, Rays, add_all};
-use camera::{Camera, Derivative, Tile, tiles};
-use diffuse::{Field, Origin, Transport, reverse};
+use beam::Rays;
+use camera::{Camera, Tile, tiles};
+use diffuse::{Field, Origin, Transport};
 use lattice::Lattice;
 use ndarray::Array3;
 use optics::Optics;
@@ -39,71 +43,6 @@ use sweep::Faces;
 
 /// The most cells that a voxel is split into along an axis.
 const MOST_PARTS: f64 = 4.0;
-
-/// Settings of the deterministic solver.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct OrdinatesSettings {
-    /// Number of zenith angles of the ordinates, a multiple of 4; there are twice as many
-    /// azimuths.
-    pub zenith_angles: usize,
-    /// The iteration ends when a sweep changes the radiance by less than this share.
-    pub tolerance: f64,
-    /// The most sweeps of one solution.
-    pub most_sweeps: usize,
-    /// Number of rays along each side of a pixel.
-    pub rays_per_side: usize,
-    /// Voxels are split until no cell is thicker than this along an axis (optical depth
-    /// without the forward peak).
-    pub cell_depth: f64,
-    /// The largest extinction to be prepared for (1/km); `None` is that of the scene.
-    pub largest_extinction: Option<f64>,
-}
-
-impl Default for OrdinatesSettings {
-    fn default() -> Self {
-        Self {
-            zenith_angles: 8,
-            tolerance: 1e-4,
-            most_sweeps: 200,
-            rays_per_side: 2,
-            cell_depth: 2.5,
-            largest_extinction: None,
-        }
-    }
-}
-
-impl OrdinatesSettings {
-    fn check(&self) -> Result<()> {
-        if !(4..=32).contains(&self.zenith_angles) || !self.zenith_angles.is_multiple_of(4) {
-            return Err(Error::out_of_range(
-                "zenith angles of the ordinates",
-                self.zenith_angles,
-                "a multiple of 4 from 4 to 32",
-            ));
-        }
-        if !(self.cell_depth > 0.0 && self.cell_depth.is_finite()) {
-            return Err(Error::out_of_range("cell depth", self.cell_depth, "positive"));
-        }
-        if self.largest_extinction.is_some_and(|most| !(most > 0.0 && most.is_finite())) {
-            return Err(Error::out_of_range(
-                "largest extinction",
-                format!("{:?}", self.largest_extinction),
-                "positive and finite (1/km)",
-            ));
-        }
-        if !(self.tolerance > 0.0 && self.tolerance < 1.0) {
-            return Err(Error::out_of_range("tolerance", self.tolerance, "between 0 and 1"));
-        }
-        for (what, value) in
-            [("most sweeps", self.most_sweeps), ("rays along a side", self.rays_per_side)]
-        {
-            if value == 0 {
-                return Err(Error::out_of_range(what, 0, "at least 1"));
-            }
-        }
-        Ok(())
-    }
-}
 
 /// The images of one scene by the same views for any extinction, and their derivatives.
 /// Each solution starts from the one before.
@@ -351,113 +290,6 @@ impl OrdinatesModel {
             field,
         });
     }
-
-    /// The derivative by voxel, and the adjoint radiance.
-    fn differentiate(&self, state: &State, weights: &ViewStack) -> (Vec<f64>, Field) {
-        let rays = self.rays(&state.extinction);
-        let transport = self.transport(rays, &state.whole, &state.kept);
-        let count = self.quadrature.harmonics;
-        let (mut derivative, mut by_moments) = self.seen(state, weights);
-
-        // The adjoint radiance, of light that goes backwards from the cameras.
-        reverse(&mut by_moments, count);
-        let start = self.adjoint.clone().unwrap_or_else(|| transport.dark());
-        let OrdinatesSettings { tolerance, most_sweeps, .. } = self.settings;
-        let backward = Origin { own: &by_moments, outside: &[] };
-        let (adjoint, _) = transport.solve(backward, start, tolerance, most_sweeps);
-
-        // What extinction does to light on its way, forwards and backwards.
-        let forward = Origin { own: &state.first, outside: &state.outside };
-        let (by_kept, leaving) =
-            transport.by_extinction([(&state.field, forward), (&adjoint, backward)]);
-        if !state.shadow_depths.is_empty() {
-            for (octant, leaving) in self.quadrature.octants.iter().zip(&leaving) {
-                self.surroundings.spread_incoming(
-                    &self.lattice,
-                    octant,
-                    &state.shadow_depths,
-                    leaving,
-                    &mut derivative.shadow_depths,
-                );
-            }
-        }
-
-        // What it does to scattering, again and for the first time.
-        let mut reversed = adjoint.moments.clone();
-        reverse(&mut reversed, count);
-        let turned = self.turned_sunlight();
-        let mut by_stopped = vec![[0.0; 4]; self.lattice.len()];
-        for (slot, by_kept) in by_kept.iter().enumerate() {
-            let cell = |values: &'_ [f32], m: usize| -> Vec<f32> {
-                values[(slot * 4 + m) * count..][..count].to_vec()
-            };
-            let by = self.optics.scattered(slot);
-            let product = |a: usize, b: usize| -> f32 {
-                let (a, b) = (cell(&reversed, a), cell(&state.field.moments, b));
-                a.iter().zip(&b).zip(by).map(|((a, b), by)| a * b * by).sum()
-            };
-            let mut values = by_kept.map(|value| self.optics.kept(slot) * value);
-            values[0] += (0..4).map(|m| product(m, m)).sum::<f32>();
-            (1..4).for_each(|m| values[m] += product(0, m) + product(m, 0));
-            self.lattice.spread_coefficients(&mut derivative.extinction, slot, values);
-            let turned = turned(slot);
-            for (m, sum) in by_stopped[slot].iter_mut().enumerate() {
-                *sum = cell(&reversed, m).iter().zip(&turned).map(|(a, b)| a * b).sum();
-            }
-        }
-        let Derivative { extinction, sun_depths, shadow_depths, .. } = &mut derivative;
-        self.surroundings.spread_shadow_depths(&rays, shadow_depths, extinction);
-        rays.spread_stopped(&state.sun_depths, &by_stopped, extinction, sun_depths);
-        rays.spread_sun_depths(self.scene.sun.towards(), sun_depths, extinction);
-        (derivative.extinction, adjoint)
-    }
-
-    /// The derivative of what the cameras see at a given radiance, and that by the moments
-    /// of the radiance.
-    fn seen(&self, state: &State, weights: &ViewStack) -> (Derivative, Vec<f32>) {
-        let camera = self.camera(state);
-        let nothing = || {
-            let slots = self.lattice.len();
-            Derivative::new(state.extinction.len(), slots, state.shadow_depths.len())
-        };
-        let slots = self.lattice.len();
-        let count = self.quadrature.harmonics;
-        let irradiance = self.scene.sun.irradiance;
-        let mut sum = nothing();
-        let mut by_moments = vec![0.0; slots * 4 * count];
-        for tile in &self.tiles {
-            let view = &self.views[tile.view];
-            let scattered = camera.scattered(tile, view);
-            let pixels: Vec<_> = tile.pixels().collect();
-            let part = |pixels: &[[usize; 2]]| {
-                let mut part = nothing();
-                for pixel in pixels {
-                    let [row, col] = *pixel;
-                    let weight = irradiance * f64::from(weights.values[[tile.view, row, col]]);
-                    camera.differentiate(view, *pixel, weight, &scattered, &mut part);
-                }
-                part
-            };
-            let parts: Vec<_> = pixels.par_chunks(pixels.len().div_ceil(PARTS)).map(part).collect();
-            let mut by_scattered = vec![[0.0_f32; 4]; slots];
-            for part in parts {
-                add_all(&mut sum.extinction, std::slice::from_ref(&part.extinction));
-                add_all(&mut sum.shadow_depths, std::slice::from_ref(&part.shadow_depths));
-                add_rows(&mut sum.sun_depths, &part.sun_depths);
-                add_rows(&mut by_scattered, &part.scattered);
-            }
-            let harmonics = camera.harmonics(tile, view);
-            let cells = by_moments.par_chunks_mut(count).enumerate();
-            cells.for_each(|(row, into)| {
-                let (slot, m) = (row / 4, row % 4);
-                let by = self.optics.scattered(slot);
-                for ((sum, y), s) in into.iter_mut().zip(&harmonics).zip(by) {
-                    *sum += by_scattered[slot][m] * y * s;
-                }
-            });
-        }
-        (sum, by_moments)
-    }
 }
 
 fn all_tiles(views: &[View]) -> Vec<Tile> {
@@ -469,12 +301,6 @@ fn split(medium: &Medium, largest: f64, settings: &OrdinatesSettings) -> [usize;
     let kept = optics::kept(&medium.scattering, settings.zenith_angles);
     let parts = kept * largest * medium.extinction.grid.spacing / settings.cell_depth;
     parts.ceil().clamp(DVec3::ONE, DVec3::splat(MOST_PARTS)).to_array().map(|n| n as usize)
-}
-
-/// Add arrays of rows.
-fn add_rows<const N: usize>(into: &mut [[f32; N]], rows: &[[f32; N]]) {
-    let pairs = into.as_flattened_mut().iter_mut().zip(rows.as_flattened());
-    pairs.for_each(|(sum, value)| *sum += value);
 }
 
 fn standard(values: &Array3<f32>) -> Vec<f32> {

@@ -1,0 +1,123 @@
+//! The derivative of the images: each step of a solution backwards.
+
+use super::beam::{PARTS, add_all};
+use super::camera::Derivative;
+use super::diffuse::{Field, Origin, reverse};
+use super::{OrdinatesModel, OrdinatesSettings, State};
+use crate::image::ViewStack;
+use rayon::prelude::*;
+
+impl OrdinatesModel {
+    /// The derivative by voxel, and the adjoint radiance.
+    pub(super) fn differentiate(&self, state: &State, weights: &ViewStack) -> (Vec<f64>, Field) {
+        let rays = self.rays(&state.extinction);
+        let transport = self.transport(rays, &state.whole, &state.kept);
+        let count = self.quadrature.harmonics;
+        let (mut derivative, mut by_moments) = self.seen(state, weights);
+
+        // The adjoint radiance, of light that goes backwards from the cameras.
+        reverse(&mut by_moments, count);
+        let start = self.adjoint.clone().unwrap_or_else(|| transport.dark());
+        let OrdinatesSettings { tolerance, most_sweeps, .. } = self.settings;
+        let backward = Origin { own: &by_moments, outside: &[] };
+        let (adjoint, _) = transport.solve(backward, start, tolerance, most_sweeps);
+
+        // What extinction does to light on its way, forwards and backwards.
+        let forward = Origin { own: &state.first, outside: &state.outside };
+        let (by_kept, leaving) =
+            transport.by_extinction([(&state.field, forward), (&adjoint, backward)]);
+        if !state.shadow_depths.is_empty() {
+            for (octant, leaving) in self.quadrature.octants.iter().zip(&leaving) {
+                self.surroundings.spread_incoming(
+                    &self.lattice,
+                    octant,
+                    &state.shadow_depths,
+                    leaving,
+                    &mut derivative.shadow_depths,
+                );
+            }
+        }
+
+        // What it does to scattering, again and for the first time.
+        let mut reversed = adjoint.moments.clone();
+        reverse(&mut reversed, count);
+        let turned = self.turned_sunlight();
+        let mut by_stopped = vec![[0.0; 4]; self.lattice.len()];
+        for (slot, by_kept) in by_kept.iter().enumerate() {
+            let cell = |values: &'_ [f32], m: usize| -> Vec<f32> {
+                values[(slot * 4 + m) * count..][..count].to_vec()
+            };
+            let by = self.optics.scattered(slot);
+            let product = |a: usize, b: usize| -> f32 {
+                let (a, b) = (cell(&reversed, a), cell(&state.field.moments, b));
+                a.iter().zip(&b).zip(by).map(|((a, b), by)| a * b * by).sum()
+            };
+            let mut values = by_kept.map(|value| self.optics.kept(slot) * value);
+            values[0] += (0..4).map(|m| product(m, m)).sum::<f32>();
+            (1..4).for_each(|m| values[m] += product(0, m) + product(m, 0));
+            self.lattice.spread_coefficients(&mut derivative.extinction, slot, values);
+            let turned = turned(slot);
+            for (m, sum) in by_stopped[slot].iter_mut().enumerate() {
+                *sum = cell(&reversed, m).iter().zip(&turned).map(|(a, b)| a * b).sum();
+            }
+        }
+        let Derivative { extinction, sun_depths, shadow_depths, .. } = &mut derivative;
+        self.surroundings.spread_shadow_depths(&rays, shadow_depths, extinction);
+        rays.spread_stopped(&state.sun_depths, &by_stopped, extinction, sun_depths);
+        rays.spread_sun_depths(self.scene.sun.towards(), sun_depths, extinction);
+        (derivative.extinction, adjoint)
+    }
+
+    /// The derivative of what the cameras see at a given radiance, and that by the moments
+    /// of the radiance.
+    fn seen(&self, state: &State, weights: &ViewStack) -> (Derivative, Vec<f32>) {
+        let camera = self.camera(state);
+        let nothing = || {
+            let slots = self.lattice.len();
+            Derivative::new(state.extinction.len(), slots, state.shadow_depths.len())
+        };
+        let slots = self.lattice.len();
+        let count = self.quadrature.harmonics;
+        let irradiance = self.scene.sun.irradiance;
+        let mut sum = nothing();
+        let mut by_moments = vec![0.0; slots * 4 * count];
+        for tile in &self.tiles {
+            let view = &self.views[tile.view];
+            let scattered = camera.scattered(tile, view);
+            let pixels: Vec<_> = tile.pixels().collect();
+            let part = |pixels: &[[usize; 2]]| {
+                let mut part = nothing();
+                for pixel in pixels {
+                    let [row, col] = *pixel;
+                    let weight = irradiance * f64::from(weights.values[[tile.view, row, col]]);
+                    camera.differentiate(view, *pixel, weight, &scattered, &mut part);
+                }
+                part
+            };
+            let parts: Vec<_> = pixels.par_chunks(pixels.len().div_ceil(PARTS)).map(part).collect();
+            let mut by_scattered = vec![[0.0_f32; 4]; slots];
+            for part in parts {
+                add_all(&mut sum.extinction, std::slice::from_ref(&part.extinction));
+                add_all(&mut sum.shadow_depths, std::slice::from_ref(&part.shadow_depths));
+                add_rows(&mut sum.sun_depths, &part.sun_depths);
+                add_rows(&mut by_scattered, &part.scattered);
+            }
+            let harmonics = camera.harmonics(tile, view);
+            let cells = by_moments.par_chunks_mut(count).enumerate();
+            cells.for_each(|(row, into)| {
+                let (slot, m) = (row / 4, row % 4);
+                let by = self.optics.scattered(slot);
+                for ((sum, y), s) in into.iter_mut().zip(&harmonics).zip(by) {
+                    *sum += by_scattered[slot][m] * y * s;
+                }
+            });
+        }
+        (sum, by_moments)
+    }
+}
+
+/// Add arrays of rows.
+fn add_rows<const N: usize>(into: &mut [[f32; N]], rows: &[[f32; N]]) {
+    let pairs = into.as_flattened_mut().iter_mut().zip(rows.as_flattened());
+    pairs.for_each(|(sum, value)| *sum += value);
+}

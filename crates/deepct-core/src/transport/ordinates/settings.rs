@@ -1,0 +1,68 @@
+//! The settings of the deterministic solver.
+
+use crate::error::{Error, Result};
+
+/// Settings of the deterministic solver.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct OrdinatesSettings {
+    /// Number of zenith angles of the ordinates, a multiple of 4; there are twice as many
+    /// azimuths.
+    pub zenith_angles: usize,
+    /// The iteration ends when a sweep changes the radiance by less than this share.
+    pub tolerance: f64,
+    /// The most sweeps of one solution.
+    pub most_sweeps: usize,
+    /// Number of rays along each side of a pixel.
+    pub rays_per_side: usize,
+    /// Voxels are split until no cell is thicker than this along an axis (optical depth
+    /// without the forward peak).
+    pub cell_depth: f64,
+    /// The largest extinction to be prepared for (1/km); `None` is that of the scene.
+    pub largest_extinction: Option<f64>,
+}
+
+impl Default for OrdinatesSettings {
+    fn default() -> Self {
+        Self {
+            zenith_angles: 8,
+            tolerance: 1e-4,
+            most_sweeps: 200,
+            rays_per_side: 2,
+            cell_depth: 2.5,
+            largest_extinction: None,
+        }
+    }
+}
+
+impl OrdinatesSettings {
+    pub(super) fn check(&self) -> Result<()> {
+        if !(4..=32).contains(&self.zenith_angles) || !self.zenith_angles.is_multiple_of(4) {
+            return Err(Error::out_of_range(
+                "zenith angles of the ordinates",
+                self.zenith_angles,
+                "a multiple of 4 from 4 to 32",
+            ));
+        }
+        if !(self.cell_depth > 0.0 && self.cell_depth.is_finite()) {
+            return Err(Error::out_of_range("cell depth", self.cell_depth, "positive"));
+        }
+        if self.largest_extinction.is_some_and(|most| !(most > 0.0 && most.is_finite())) {
+            return Err(Error::out_of_range(
+                "largest extinction",
+                format!("{:?}", self.largest_extinction),
+                "positive and finite (1/km)",
+            ));
+        }
+        if !(self.tolerance > 0.0 && self.tolerance < 1.0) {
+            return Err(Error::out_of_range("tolerance", self.tolerance, "between 0 and 1"));
+        }
+        for (what, value) in
+            [("most sweeps", self.most_sweeps), ("rays along a side", self.rays_per_side)]
+        {
+            if value == 0 {
+                return Err(Error::out_of_range(what, 0, "at least 1"));
+            }
+        }
+        Ok(())
+    }
+}
