@@ -1,0 +1,224 @@
+//! Inversions of a cloud that only absorbs, whose images are known.
+
+use super::*;
+use crate::image::ViewStack;
+use crate::inversion::blocks::smooth;
+use crate::inversion::{ForwardModel, Variable};
+use crate::math::{DVec3, towards};
+use crate::scene::{Observation, Sun, View};
+use crate::traverse::walk;
+use std::cell::RefCell;
+
+// A model with a known answer: parallel light that an extinction absorbs, seen against
+// a bright background.
+
+/// `1 - exp(-optical depth)` along the middle of each pixel.
+struct Absorption {
+    views: Vec<View>,
+}
+
+impl Models for Absorption {
+    fn model(&mut self, mask: &Mask) -> Result<Box<dyn ForwardModel + '_>> {
+        let nothing = Volume::constant(mask.grid, 0.0);
+        Ok(Box::new(OnGrid { views: &self.views, extinction: nothing }))
+    }
+}
+
+struct OnGrid<'a> {
+    views: &'a [View],
+    extinction: Volume,
+}
+
+impl OnGrid<'_> {
+    fn optical_depth(&self, [view, row, col]: [usize; 3]) -> f64 {
+        let ray = self.views[view].ray(row as f64 + 0.5, col as f64 + 0.5);
+        walk(&self.extinction.grid, &ray)
+            .map(|step| f64::from(self.extinction.values[step.voxel]) * (step.exit - step.enter))
+            .sum()
+    }
+}
+
+impl ForwardModel for OnGrid<'_> {
+    fn images(&mut self, extinction: &Volume) -> Result<ViewStack> {
+        self.extinction = extinction.clone();
+        let shape = (self.views.len(), self.views[0].rows, self.views[0].cols);
+        ViewStack::new(Array3::from_shape_fn(shape, |(view, row, col)| {
+            1.0 - (-self.optical_depth([view, row, col])).exp() as f32
+        }))
+    }
+
+    fn gradient(&mut self, weights: &ViewStack) -> Result<Volume> {
+        let mut gradient = Volume::constant(self.extinction.grid, 0.0);
+        for ((view, row, col), weight) in weights.values.indexed_iter() {
+            let passed = (-self.optical_depth([view, row, col])).exp();
+            let ray = self.views[view].ray(row as f64 + 0.5, col as f64 + 0.5);
+            for step in walk(&gradient.grid.clone(), &ray) {
+                let derivative = f64::from(*weight) * passed * (step.exit - step.enter);
+                gradient.values[step.voxel] += derivative as f32;
+            }
+        }
+        Ok(gradient)
+    }
+}
+
+/// A smooth cloud, its absorption by seven views around it, and the model of them.
+fn observe() -> (Volume, Observation, Absorption) {
+    let grid = Grid::new(DVec3::new(0.0, 0.0, 0.5), DVec3::splat(0.05), [8, 10, 12]).unwrap();
+    let value = |(k, j, i)| {
+        let from_center = grid.voxel_center([k, j, i]) - grid.center();
+        (6.0 * (1.0 - from_center.length_squared() / 0.04)).max(0.0) as f32
+    };
+    let truth = Volume::new(grid, Array3::from_shape_fn(grid.shape, value)).unwrap();
+    let directions = [(0.0, 0.0), (50.0, 0.0), (50.0, 180.0), (65.0, 90.0), (65.0, 270.0)];
+    let directions = directions.into_iter().chain([(35.0, 45.0), (35.0, 225.0)]);
+    let views: Vec<View> = directions
+        .map(|(zenith, azimuth): (f64, f64)| {
+            let towards = towards(zenith.to_radians(), azimuth.to_radians());
+            View::orthographic(towards, grid.center(), 0.025, [40, 40]).unwrap()
+        })
+        .collect();
+    let mut models = Absorption { views: views.clone() };
+    let images = models.model(&mask(&truth)).unwrap().images(&truth).unwrap();
+    (truth, Observation::new(Sun::default(), views, images).unwrap(), models)
+}
+
+fn settings() -> InversionSettings {
+    InversionSettings {
+        iterations: 100,
+        coarse: vec![2],
+        model_error: 0.0,
+        least_error: 1e-3,
+        coarse_error: 0.0,
+        relative_noise: 1e-3,
+        typical_gradient: 0.0,
+        change: 0.0,
+        ..Default::default()
+    }
+}
+
+/// The voxels of the cloud and those around it.
+fn mask(truth: &Volume) -> Mask {
+    let counted = Array3::from_elem(truth.grid.shape, true);
+    let spread = smooth(&truth.values.mapv(f64::from), &counted);
+    Mask::new(truth.grid, spread.mapv(|value| value > 0.0)).unwrap()
+}
+
+/// Counts steps, keeps the last checkpoint, and stops after a number of steps.
+struct Keeper {
+    stop_after: usize,
+    kept: RefCell<Vec<Checkpoint>>,
+}
+
+impl Watch for Keeper {
+    fn keep(&self, checkpoint: &Checkpoint) -> Result<()> {
+        self.kept.borrow_mut().push(checkpoint.clone());
+        Ok(())
+    }
+
+    fn interrupted(&self) -> bool {
+        self.kept.borrow().len() > self.stop_after
+    }
+}
+
+#[test]
+fn a_cloud_that_absorbs_is_found_from_next_to_nothing() {
+    let (truth, observation, mut models) = observe();
+    let mask = mask(&truth);
+    let problem = Problem { observation: &observation, mask: &mask, truth: Some(&truth) };
+    for variable in [Variable::Linear, Variable::Logarithmic] {
+        let settings = InversionSettings { variable, misfit: 0.1, ..settings() };
+        let start = Start::Constant(0.01);
+        let found = invert(&problem, &mut models, &start, &settings, &()).unwrap();
+        let errors: Vec<f64> =
+            found.history.iter().filter_map(|record| record.relative_error).collect();
+        let (first, last) = (errors[0], errors[errors.len() - 1]);
+        assert!(found.ending == Ending::Noise, "{:?}", found.history.last());
+        assert!(first > 0.3 && last < 0.04, "{variable:?}: {first} to {last}");
+        let outside = found.extinction.values.iter().zip(&mask.values);
+        assert!(outside.clone().all(|(value, inside)| *value >= 0.0 && (*inside || *value == 0.0)));
+    }
+}
+
+#[test]
+fn the_search_finds_the_constant_that_fits_best() {
+    let (truth, mut observation, mut models) = observe();
+    let mask = mask(&truth);
+    let inside = mask.values.mapv(|inside| if inside { 3.7 } else { 0.0 });
+    let constant = Volume::new(truth.grid, inside).unwrap();
+    observation.images = models.model(&mask).unwrap().images(&constant).unwrap();
+    let problem = Problem { observation: &observation, mask: &mask, truth: None };
+    let settings = InversionSettings { iterations: 0, coarse: vec![], ..settings() };
+    for start in [Start::Search, Start::Constant(0.01), Start::Constant(90.0)] {
+        let found = invert(&problem, &mut models, &start, &settings, &()).unwrap();
+        let value = found.extinction.values.iter().copied().fold(0.0, f32::max);
+        assert!((value / 3.7 - 1.0).abs() < 0.1, "{start:?}: {value}");
+    }
+}
+
+#[test]
+fn an_inversion_goes_on_where_it_was_stopped() {
+    let (truth, observation, mut models) = observe();
+    let mask = mask(&truth);
+    let problem = Problem { observation: &observation, mask: &mask, truth: Some(&truth) };
+    let settings = InversionSettings { iterations: 9, coarse_iterations: 5, ..settings() };
+    let start = Start::Constant(1.0);
+    let whole = invert(&problem, &mut models, &start, &settings, &()).unwrap();
+    for stop_after in [3, 11] {
+        let keeper = Keeper { stop_after, kept: RefCell::default() };
+        let part = invert(&problem, &mut models, &start, &settings, &keeper).unwrap();
+        assert!(part.ending == Ending::Interrupted && part.history.len() == stop_after + 1);
+        let checkpoint = keeper.kept.borrow().last().unwrap().clone();
+        let rest = resume(&problem, &mut models, (&start, checkpoint), &settings, &()).unwrap();
+        assert_eq!(rest.extinction, whole.extinction);
+        assert_eq!(rest.ending, whole.ending);
+        assert_eq!(rest.history.len(), whole.history.len());
+    }
+}
+
+/// Where the images say next to nothing, a rough start is not smoothed.
+#[test]
+fn a_start_is_what_the_prior_expects() {
+    let (truth, observation, mut models) = observe();
+    let mask = mask(&truth);
+    let problem = Problem { observation: &observation, mask: &mask, truth: None };
+    let settings = InversionSettings {
+        relative_noise: 1e3,
+        least_error: 1e3,
+        typical_gradient: 1.0,
+        misfit: 0.0,
+        iterations: 5,
+        coarse: vec![],
+        scale_start: false,
+        ..settings()
+    };
+    let rough = |(k, j, i): (usize, usize, usize)| ((k + j + i) % 3) as f32;
+    let mut rough =
+        Volume::new(truth.grid, Array3::from_shape_fn(truth.grid.shape, rough)).unwrap();
+    mask.apply(&mut rough).unwrap();
+    let start = Start::Volume(rough.clone());
+    let found = invert(&problem, &mut models, &start, &settings, &()).unwrap().extinction;
+    let change = metrics::relative_error(&rough, &found).unwrap();
+    assert!(change < 0.01, "{change}");
+}
+
+#[test]
+fn what_does_not_fit_is_refused() {
+    let (truth, observation, mut models) = observe();
+    let mask = mask(&truth);
+    let problem = Problem { observation: &observation, mask: &mask, truth: None };
+    let mut run = |problem: &Problem, start: Start, settings: &InversionSettings| {
+        invert(problem, &mut models, &start, settings, &()).unwrap_err().to_string()
+    };
+    let wrong = InversionSettings { model_error: -1.0, ..settings() };
+    assert!(run(&problem, Start::Search, &wrong).contains("model_error"));
+    assert!(run(&problem, Start::Constant(0.0), &settings()).contains("start"));
+    let mut moved = truth.clone();
+    moved.grid.origin.x += 1.0;
+    let error = run(&problem, Start::Volume(moved.clone()), &settings());
+    assert!(error.contains("grid of the start"), "{error}");
+    let other = Problem { truth: Some(&moved), ..problem };
+    assert!(run(&other, Start::Search, &settings()).contains("grid of the truth"));
+    let nothing = Mask::new(truth.grid, Array3::from_elem(truth.grid.shape, false)).unwrap();
+    let empty = Problem { mask: &nothing, ..problem };
+    assert!(run(&empty, Start::Search, &settings()).contains("mask"));
+}
