@@ -3,8 +3,7 @@
 //!
 //! `cargo run --release -p deepct-core --example large_field -- [WEIGHTS] [ROWS COLS]`
 
-use deepct_core::conv::Scratch;
-use deepct_core::network::Network;
+use deepct_core::network::{Network, Scratch};
 use std::path::PathBuf;
 use std::time::Instant;
 

@@ -140,6 +140,7 @@ def weights_metadata(views: int, levels: int) -> dict:
             "view_zenith_deg": zeniths,
             "view_azimuth_deg": [0.0] * views,
             "pixel_km": [0.05] * views,
+            "camera_distance_km": [None] * views,
         },
         "target_altitude_km": 1.12,
         "wavelength_um": 0.672,
@@ -151,4 +152,21 @@ def weights_metadata(views: int, levels: int) -> dict:
         "training": {"data": "none", "identity": "none", "samples": 0, "seed": 0},
         "scores": {},
         "configuration": {},
+    }
+
+
+def planes_metadata(altitudes_km: list[float], levels: int) -> dict:
+    """Metadata for weights of images on planes, by cameras to all sides and one at infinity."""
+    return {
+        **weights_metadata(4, levels),
+        "view_geometry": {
+            "sun_zenith_deg": 30.0,
+            "sun_azimuth_deg": 45.0,
+            "view_zenith_deg": [46.0, 0.0, 60.0, 30.0],
+            "view_azimuth_deg": [180.0, 0.0, 70.0, 200.0],
+            "pixel_km": [0.069, 0.05, 0.08, 0.06],
+            "camera_distance_km": [828.0, 600.0, 1000.0, None],
+        },
+        "image_layout": {"planes": {"altitudes_km": altitudes_km}},
+        "horizontal_spacing_km": [0.05, 0.04],
     }

@@ -4,7 +4,7 @@ import os
 import shutil
 
 import pytest
-from conftest import saved, seasoned_network, weights_metadata
+from conftest import planes_metadata, saved, seasoned_network, weights_metadata
 
 from weights_tools.__main__ import main
 from weights_tools.check import TOLERANCES, check
@@ -21,6 +21,17 @@ def test_deepct_gives_the_answer_of_pytorch(tmp_path, views, layers, algorithm):
     network = seasoned_network(growing_channels(views, 32, layers))
     checkpoint = saved(tmp_path / "network.pt", network, True)
     export(checkpoint, tmp_path / "w.safetensors", weights_metadata(views, 32))
+    errors = check(checkpoint, tmp_path / "w.safetensors", DEEPCT, algorithm)
+    assert max(errors) <= TOLERANCES[algorithm]
+
+
+@pytest.mark.skipif(DEEPCT is None, reason="deepct is not on the PATH")
+@pytest.mark.parametrize("algorithm", TOLERANCES)
+def test_deepct_lays_images_on_planes_as_pytorch_does(tmp_path, algorithm):
+    metadata = planes_metadata([0.6, 0.95, 1.12, 1.61], 32)
+    network = seasoned_network([4 * 4, 24, 32])
+    checkpoint = saved(tmp_path / "network.pt", network, True)
+    export(checkpoint, tmp_path / "w.safetensors", metadata)
     errors = check(checkpoint, tmp_path / "w.safetensors", DEEPCT, algorithm)
     assert max(errors) <= TOLERANCES[algorithm]
 

@@ -53,7 +53,7 @@ def test_every_block_ends_in_a_relu_and_keeps_the_size():
 def test_a_leak_shows_what_the_last_relu_hides():
     torch.manual_seed(0)
     network, images = Network([3, 4, 5]).eval(), torch.randn(2, 3, 7, 11)
-    plain, leaking = network(images), network(images, 0.1)
+    plain, leaking = network(images), network.layers(images, 0.1)
     assert torch.equal(leaking.relu(), plain)
     assert torch.equal(leaking < 0.0, plain == 0.0)
 

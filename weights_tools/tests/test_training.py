@@ -16,7 +16,13 @@ RECIPE = Recipe(
     "cloudct-10",
     NetworkRecipe(layers=3),
     training=TrainingRecipe(
-        epochs=4, batch=2, shift_voxels=1, crop=6, crop_shift=1, reduced_precision=False
+        epochs=4,
+        batch=2,
+        muon_learning_rate=0.02,
+        shift_voxels=1,
+        crop=6,
+        crop_shift=1,
+        reduced_precision=False,
     ),
 )
 CPU = torch.device("cpu")
@@ -54,9 +60,11 @@ def test_a_run_that_was_killed_ends_like_one_that_was_not(data, tmp_path):
         whole, cut = (load_checkpoint(tmp_path / run / name) for run in ("whole", "cut"))
         for part, values in whole["model_state_dict"].items():
             assert torch.equal(values, cut["model_state_dict"][part]), part
-        for parameter, state in whole["optimizer_state_dict"]["state"].items():
-            for key, values in state.items():
-                assert torch.equal(values, cut["optimizer_state_dict"]["state"][parameter][key])
+        for number, optimizer in whole["optimizer_state_dict"].items():
+            for parameter, state in optimizer["state"].items():
+                for key, values in state.items():
+                    found = cut["optimizer_state_dict"][number]["state"][parameter][key]
+                    assert torch.equal(values, found)
     assert [row["loss"] for row in whole["history"]] == [row["loss"] for row in cut["history"]]
 
 

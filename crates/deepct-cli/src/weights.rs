@@ -3,7 +3,7 @@
 use crate::Outcome;
 use deepct_core::Result;
 use deepct_core::io::load_weights;
-use deepct_core::network::{WeightsMetadata, receptive_field};
+use deepct_core::network::{ImageLayout, Planes, WeightsMetadata, receptive_field};
 use std::path::PathBuf;
 
 /// Look into weights of the network
@@ -73,6 +73,7 @@ fn print_report(report: &Report<'_>) {
     );
     println!("voxels           {dx} x {dy} x {} km", levels.spacing_km);
     println!("levels           {} from {} to {top} km", levels.count, levels.bottom_km);
+    println!("images           {}", layout(&metadata.image_layout));
     println!("layers           {}, {} parameters", report.layers, report.parameters);
     println!("channels         {}", runs(&metadata.architecture.channels));
     println!("receptive field  {0} x {0} pixels", report.receptive_field);
@@ -84,6 +85,14 @@ fn print_report(report: &Report<'_>) {
     for (name, score) in &metadata.scores {
         println!("{name:15}  {score:.4}");
     }
+}
+
+fn layout(layout: &ImageLayout) -> String {
+    let ImageLayout::Planes(Planes { altitudes_km }) = layout else {
+        return "as the cameras took them".into();
+    };
+    let altitudes: Vec<_> = altitudes_km.iter().map(|at| format!("{at:.2}")).collect();
+    format!("on {} planes at {} km", altitudes.len(), altitudes.join(" "))
 }
 
 /// The numbers with repetitions told once, such as `10 12 14 (3 times)`.

@@ -70,6 +70,11 @@ pub struct ViewGeometry {
     pub view_zenith_deg: Vec<f64>,
     /// Azimuth towards each satellite, clockwise from north (degrees).
     pub view_azimuth_deg: Vec<f64>,
-    /// Size of a pixel at the target, seen square-on, by view (km).
+    /// Size of a pixel at the target, by view (km): square-on to the line of sight of a
+    /// camera at a distance, in the horizontal plane for parallel rays.
     pub pixel_km: Vec<f64>,
+    /// Distance of each camera from the target (km); none for parallel rays. Empty where it
+    /// is not known.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub camera_distance_km: Vec<Option<f64>>,
 }

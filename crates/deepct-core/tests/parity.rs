@@ -62,3 +62,8 @@ fn ten_views_with_batch_norm() {
 fn odd_channels_without_a_last_relu() {
     compare("odd");
 }
+
+#[test]
+fn images_on_planes() {
+    compare("planes");
+}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import json
+import math
 import subprocess
 import tempfile
 from pathlib import Path
@@ -36,8 +37,8 @@ def check(
 
     Raises :class:`InputError` for files that cannot be used and where ``deepct`` fails.
     """
-    network, _ = load_network(checkpoint)
     metadata = weights_metadata(weights)
+    network, _ = load_network(checkpoint, metadata)
     random = np.random.default_rng(seed)
     errors = []
     with tempfile.TemporaryDirectory() as folder:
@@ -94,15 +95,19 @@ def write_images(path: Path, radiance: np.ndarray, metadata: dict[str, Any]) -> 
     direction = np.stack(
         [np.sin(zenith) * np.sin(azimuth), np.sin(zenith) * np.cos(azimuth), np.cos(zenith)], 1
     )
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     target = np.tile([0.0, 0.0, metadata["target_altitude_km"]], (views, 1))
+    # Parallel rays where no distance is told.
+    distances = geometry.get("camera_distance_km") or [None] * views
+    distance = np.array([math.nan if at is None else at for at in distances])
     by_view = {
         "view_zenith_deg": geometry["view_zenith_deg"],
         "view_azimuth_deg": geometry["view_azimuth_deg"],
-        "projection": np.ones(views, np.uint8),
-        "camera_position": np.full((views, 3), np.nan),
-        "camera_direction": direction / np.linalg.norm(direction, axis=1, keepdims=True),
+        "projection": np.isnan(distance).astype(np.uint8),
+        "camera_position": target + distance[:, None] * direction,
+        "camera_direction": direction,
         "target": target,
-        "pixel_tangent": np.full(views, np.nan),
+        "pixel_tangent": geometry["pixel_km"] / distance,
         "pixel_km": geometry["pixel_km"],
     }
     lengths = dict(zip(("view", "row", "col"), radiance.shape), component=3)

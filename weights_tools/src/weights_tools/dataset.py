@@ -6,7 +6,7 @@ import hashlib
 import io
 import json
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +29,8 @@ SPLITS = ("train", "validation", "test")
 SAME_DIRECTION_DEG = 0.1
 """Largest angle between two directions that count as one view (degrees)."""
 
+_BY_VIEW = ("view_zenith_deg", "view_azimuth_deg", "pixel_km")
+
 _REMEDY = "write the dataset again with `deepct dataset generate`"
 
 
@@ -43,7 +45,10 @@ class ViewGeometry:
     view_azimuth_deg: tuple[float, ...]
     """Azimuth towards each satellite, clockwise from north."""
     pixel_km: tuple[float, ...]
-    """Size of a pixel at the target, seen square-on."""
+    """Size of a pixel at the target: square-on to the line of sight of a camera at a distance,
+    in the horizontal plane for parallel rays."""
+    camera_distance_km: tuple[float | None, ...] = ()
+    """Distance of each camera from the target; ``None`` for parallel rays."""
 
     def __len__(self) -> int:
         return len(self.view_zenith_deg)
@@ -56,6 +61,7 @@ class ViewGeometry:
             tuple(self.view_zenith_deg[view] for view in views),
             tuple(self.view_azimuth_deg[view] for view in views),
             tuple(self.pixel_km[view] for view in views),
+            tuple(self.camera_distance_km[view] for view in views if self.camera_distance_km),
         )
 
     def find(self, zenith_deg: float, azimuth_deg: float) -> int:
@@ -164,6 +170,8 @@ def load_dataset(folder: str | Path, formation: str | None = None) -> Dataset:
         for split in ("train", "validation")
     )
     name = formation or manifest["formation"]
+    distances = _distances(folder / manifest["samples"][0]["file"], len(geometry))
+    geometry = replace(geometry, camera_distance_km=distances)
     return Dataset(
         name,
         geometry.select(views),
@@ -190,7 +198,7 @@ def _read_manifest(path: Path) -> tuple[dict[str, Any], str]:
     for key in ("formation", "geometry", "image_shape", "voxel_spacing_km", "levels", "samples"):
         if key not in manifest:
             raise InputError(path, f'"{key}" is missing', _REMEDY)
-    for key in ViewGeometry.__dataclass_fields__:
+    for key in ("sun_zenith_deg", "sun_azimuth_deg", *_BY_VIEW):
         if key not in manifest["geometry"]:
             raise InputError(path, f'"geometry.{key}" is missing', _REMEDY)
     for index, sample in enumerate(manifest["samples"]):
@@ -204,15 +212,25 @@ def _read_manifest(path: Path) -> tuple[dict[str, Any], str]:
 
 
 def _geometry(manifest: dict[str, Any], path: Path) -> ViewGeometry:
+    """The geometry but for the distances, which the samples tell."""
     geometry = manifest["geometry"]
-    lists = {
-        key: tuple(float(value) for value in geometry[key])
-        for key in ("view_zenith_deg", "view_azimuth_deg", "pixel_km")
-    }
+    lists = {key: tuple(float(value) for value in geometry[key]) for key in _BY_VIEW}
     if len({len(values) for values in lists.values()}) != 1:
         problem = "view_zenith_deg, view_azimuth_deg and pixel_km have different lengths"
         raise InputError(path, problem, _REMEDY)
     return ViewGeometry(geometry["sun_zenith_deg"], geometry["sun_azimuth_deg"], **lists)
+
+
+def _distances(path: Path, views: int) -> tuple[float | None, ...]:
+    """How far the cameras of a sample are from their target (km); those of all samples are."""
+    with h5py.File(path, "r") as file:
+        if not {"camera_position", "target"} <= set(file):
+            raise InputError(path, "has no camera_position or no target", _REMEDY)
+        offsets = file["camera_position"][...] - file["target"][...]
+    if offsets.shape != (views, 3):
+        raise InputError(path, f"camera_position is not of {views} views", _REMEDY)
+    distances = np.linalg.norm(offsets, axis=1)
+    return tuple(float(at) if math.isfinite(at) else None for at in distances)
 
 
 def _views(geometry: ViewGeometry, has: str, wants: str | None, path: Path) -> list[int]:

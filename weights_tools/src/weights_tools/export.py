@@ -12,9 +12,10 @@ from torch import Tensor
 import weights_tools
 from weights_tools.checkpoint import load_checkpoint, state_dict_of, write_whole
 from weights_tools.errors import InputError
+from weights_tools.lift import lift_of
 from weights_tools.model import Network, network_from_state
 
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
 """Version of the metadata in a weights file."""
 
 METADATA_KEYS = (
@@ -34,17 +35,27 @@ METADATA_KEYS = (
 """What has to be known of a network beside its layers."""
 
 
-def load_network(path: str | Path) -> tuple[Network, dict[str, Any]]:
-    """The network of a checkpoint or state dict, and the checkpoint.
+def load_network(
+    path: str | Path, changes: dict[str, Any] | None = None
+) -> tuple[Network, dict[str, Any]]:
+    """The network of a checkpoint or state dict, and its metadata.
 
-    Raises :class:`InputError` for a file that does not hold one.
+    Entries of ``changes`` stand in the place of the checkpoint's own, objects key by key.
+
+    Raises :class:`InputError` for a file that does not hold a network, and where the images on
+    planes that the metadata tell of are not what its first layer takes.
     """
     checkpoint = load_checkpoint(path)
+    metadata = _merge(checkpoint.get("metadata", {}), changes or {})
+    state = state_dict_of(checkpoint, path)
     try:
-        return network_from_state(state_dict_of(checkpoint, path)), checkpoint
+        lift = lift_of(metadata) if "image_layout" in metadata else None
+    except (KeyError, TypeError, ValueError) as problem:
+        remedy = "give the view_geometry and the planes of the images with --metadata"
+        raise InputError(path, f"its planes are not told in full ({problem!r})", remedy) from None
+    try:
+        return network_from_state(state, lift), metadata
     except ValueError as problem:
-        if isinstance(problem, InputError):
-            raise
         remedy = "give the parameters of the paper's network (net.body.{i}.body...)"
         raise InputError(path, str(problem), remedy) from None
 
@@ -73,8 +84,7 @@ def export(checkpoint_path: str | Path, output: str | Path, changes: dict[str, A
     Raises :class:`InputError` for a checkpoint that cannot be used and for metadata that
     is missing or unknown.
     """
-    network, checkpoint = load_network(checkpoint_path)
-    metadata = _merge(checkpoint.get("metadata", {}), changes)
+    network, metadata = load_network(checkpoint_path, changes)
     missing = sorted(set(METADATA_KEYS) - set(metadata))
     if missing:
         problem = f"has no metadata {', '.join(missing)}"

@@ -12,6 +12,8 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor, nn
 
+from weights_tools.lift import Lift
+
 KERNEL_SIZE = 3
 """Pixels of a kernel along rows and along columns."""
 
@@ -77,19 +79,34 @@ class Chain(nn.Module):
 class Network(nn.Module):
     """Scaled images ``[batch, view, row, col]`` to scaled extinction ``[batch, z, y, x]``.
 
-    ``channels`` are those before, between and after the layers. The rows and columns of
+    ``channels`` are those before, between and after the layers. ``lift`` lays the images on
+    planes before the first one; without it they enter as they are. The rows and columns of
     the images are the y and x of the volume; any size will do.
     """
 
-    def __init__(self, channels: Sequence[int]) -> None:
+    def __init__(self, channels: Sequence[int], lift: Lift | None = None) -> None:
         super().__init__()
         if len(channels) < 2 or min(channels) < 1:
             raise ValueError(f"channels {list(channels)} must be two or more positive numbers")
+        if lift is not None and lift.channels != channels[0]:
+            problem = f"has {channels[0]} input channels, the images on planes are {lift.channels}"
+            raise ValueError(problem)
         self.channels = list(channels)
+        self.lift = lift
         self.net = Chain(channels)
 
-    def forward(self, images: Tensor, leak: float = 0.0) -> Tensor:
-        """The last ReLU lets ``leak`` times a negative value through: only for training."""
+    def forward(self, images: Tensor) -> Tensor:
+        return self.layers(self.lifted(images))
+
+    def lifted(self, images: Tensor) -> Tensor:
+        """What the first layer sees of images, ``[batch, channel, y, x]``."""
+        return images if self.lift is None else self.lift(images)
+
+    def layers(self, images: Tensor, leak: float = 0.0) -> Tensor:
+        """From what the first layer sees to extinction.
+
+        The last ReLU lets ``leak`` times a negative value through: only for training.
+        """
         if leak == 0.0:
             return self.net(images)
         *hidden, last = self.net.body
@@ -131,13 +148,13 @@ def channels_of(state: dict[str, Tensor]) -> list[int]:
     return channels
 
 
-def network_from_state(state: dict[str, Tensor]) -> Network:
+def network_from_state(state: dict[str, Tensor], lift: Lift | None = None) -> Network:
     """The network with the parameters of a state dict, ready for inference.
 
     Raises ``ValueError`` as :func:`channels_of`, and for a name or shape that the
     network does not have.
     """
-    network = Network(channels_of(state))
+    network = Network(channels_of(state), lift)
     try:
         network.load_state_dict(state)
     except RuntimeError as problem:

@@ -24,12 +24,24 @@ class NetworkRecipe:
     layers: int = 33
     width: int = 0
     """Channels between the layers; 0 lets them grow by the paper's rule."""
+    planes: int = 0
+    """Horizontal planes that the images are laid on, in the middles of as many equal parts of
+    the levels; 0 lets the images enter as the cameras took them."""
 
     def channels(self, views: int, levels: int) -> list[int]:
         """Channels before, between and after the layers."""
+        inputs = views * max(self.planes, 1)
         if self.width == 0:
-            return growing_channels(views, levels, self.layers)
-        return constant_channels(views, levels, self.layers, self.width)
+            return growing_channels(inputs, levels, self.layers)
+        return constant_channels(inputs, levels, self.layers, self.width)
+
+    def image_layout(self, levels: dict[str, float]) -> str | dict[str, Any]:
+        """How the images become channels, as a file of weights tells it."""
+        if self.planes == 0:
+            return "camera"
+        height = levels["count"] * levels["spacing_km"] / self.planes
+        altitudes = [levels["bottom_km"] + (part + 0.5) * height for part in range(self.planes)]
+        return {"planes": {"altitudes_km": altitudes}}
 
 
 @dataclass(frozen=True)
@@ -65,7 +77,9 @@ class TrainingRecipe:
     epochs: int = 100
     batch: int = 32
     learning_rate: float = 2e-3
-    """The largest; it rises from 0 to this and falls to 0 along a cosine."""
+    """The largest of Adam; it rises from 0 to this and falls to 0 along a cosine."""
+    muon_learning_rate: float = 0.0
+    """The largest of Muon, which moves the kernels; 0 leaves them to Adam."""
     warmup: float = 0.1
     """Share of the training in which the learning rate rises."""
     leak: float = 0.0
@@ -152,11 +166,13 @@ def _check(recipe: Recipe, path: Path) -> None:
     limits = (
         ("network.layers", recipe.network.layers >= 1, "at least 1"),
         ("network.width", recipe.network.width >= 0, "0 or more"),
+        ("network.planes", recipe.network.planes >= 0, "0 or more"),
         ("scaling.input_scale", recipe.scaling.input_scale > 0.0, "positive"),
         ("scaling.output_scale", recipe.scaling.output_scale > 0.0, "positive"),
         ("training.epochs", training.epochs >= 1, "at least 1"),
         ("training.batch", training.batch >= 2, "at least 2 (batch norm)"),
         ("training.learning_rate", training.learning_rate > 0.0, "positive"),
+        ("training.muon_learning_rate", training.muon_learning_rate >= 0.0, "0 or more"),
         ("training.warmup", 0.0 < training.warmup < 1.0, "between 0 and 1"),
         ("training.leak", 0.0 <= training.leak < 1.0, "at least 0 and below 1"),
         ("training.crop", training.crop >= 0, "0 or more"),

@@ -14,8 +14,10 @@ from weights_tools.checkpoint import load_checkpoint, save_checkpoint
 from weights_tools.curves import write_picture, write_table
 from weights_tools.dataset import Dataset, Samples
 from weights_tools.errors import InputError
+from weights_tools.lift import lift_of
 from weights_tools.metrics import mass_error, relative_error
 from weights_tools.model import Network
+from weights_tools.optimizer import Optimizers
 from weights_tools.recipe import LossRecipe, Recipe, TrainingRecipe
 from weights_tools.sensor import Sensor
 from weights_tools.shift import Shifter
@@ -47,9 +49,11 @@ class Training:
     def __init__(self, recipe: Recipe, data: Dataset, folder: Path, device: torch.device) -> None:
         self.recipe, self.data, self.folder, self.device = recipe, data, folder, device
         torch.manual_seed(recipe.training.seed)
-        self.network = Network(recipe.network.channels(len(data.geometry), data.levels))
+        channels = recipe.network.channels(len(data.geometry), data.levels)
+        self.network = Network(channels, lift_of(_layout(recipe, data)))
         self.network.to(device, memory_format=torch.channels_last)
-        self.optimizer = torch.optim.Adam(self.network.parameters())
+        muon_share = recipe.training.muon_learning_rate / recipe.training.learning_rate
+        self.optimizers = Optimizers(self.network, muon_share)
         self.shifter = None
         if recipe.training.shift_voxels:
             self.shifter = Shifter(
@@ -83,7 +87,7 @@ class Training:
                 "loss": loss,
                 "validation_epsilon": epsilon,
                 "validation_delta": delta,
-                "learning_rate": self.optimizer.param_groups[0]["lr"],
+                "learning_rate": self.optimizers.learning_rate,
                 "minutes": self.elapsed_s / 60.0,
             }
             self.history.append(row)
@@ -105,7 +109,7 @@ class Training:
         scaling = self.recipe.scaling
         with torch.no_grad():
             batches = radiance.split(self.recipe.training.batch)
-            outputs = [self.network(self._input(batch)).cpu() for batch in batches]
+            outputs = [self.network.layers(self._input(batch)).cpu() for batch in batches]
         self.network.train()
         return torch.cat(outputs) * scaling.output_scale
 
@@ -132,20 +136,17 @@ class Training:
         extinction, radiance = self.data.train.extinction[batch], self.data.train.radiance[batch]
         if self.shifter is not None:
             extinction, radiance = self.shifter.draw(extinction, radiance, generator)
-        brightest = radiance.amax((1, 2, 3), keepdim=True)
         rows, cols = self._crop(radiance, generator)
-        extinction, radiance = extinction[..., rows, cols], radiance[..., rows, cols]
-        images = self._input(self.recipe.sensor.sense(radiance, generator, brightest))
+        extinction = extinction[..., rows, cols]
+        images = self._input(self.recipe.sensor.sense(radiance, generator), rows, cols)
         truth = (extinction / self.recipe.scaling.output_scale).to(self.device)
-        for group in self.optimizer.param_groups:
-            group["lr"] = rate
-        self.optimizer.zero_grad()
+        self.optimizers.zero_grad()
         reduced = self.recipe.training.reduced_precision
         with torch.autocast(self.device.type, torch.bfloat16, enabled=reduced):
-            estimate = self.network(images, self.recipe.training.leak)
+            estimate = self.network.layers(images, self.recipe.training.leak)
         loss = loss_of(self.recipe.loss, truth, estimate.float())
         loss.backward()
-        self.optimizer.step()
+        self.optimizers.step(rate)
         return loss.item()
 
     def _crop(self, images: Tensor, generator: torch.Generator) -> tuple[slice, slice]:
@@ -160,9 +161,13 @@ class Training:
         )
         return rows, cols
 
-    def _input(self, radiance: Tensor) -> Tensor:
-        scaled = radiance * self.recipe.scaling.input_scale
-        return scaled.to(self.device, memory_format=torch.channels_last)
+    def _input(
+        self, radiance: Tensor, rows: slice = slice(None), cols: slice = slice(None)
+    ) -> Tensor:
+        """What the first layer sees of noisy images, of some rows and columns."""
+        scaled = radiance.to(self.device) * self.recipe.scaling.input_scale
+        lifted = self.network.lifted(scaled)[..., rows, cols]
+        return lifted.contiguous(memory_format=torch.channels_last)
 
     def _save(self, is_best: bool) -> None:
         checkpoint: dict[str, Any] = {
@@ -171,7 +176,7 @@ class Training:
                 name: values.cpu().contiguous()
                 for name, values in self.network.state_dict().items()
             },
-            "optimizer_state_dict": self.optimizer.state_dict(),
+            "optimizer_state_dict": self.optimizers.state_dict(),
             "progress": self.progress,
             "elapsed_s": self.elapsed_s,
             "history": self.history,
@@ -196,7 +201,7 @@ class Training:
         if checkpoint["metadata"]["training"]["identity"] != self.data.identity:
             raise InputError(path, "was trained on other data", remedy)
         self.network.load_state_dict(checkpoint["model_state_dict"])
-        self.optimizer.load_state_dict(checkpoint["optimizer_state_dict"])
+        self.optimizers.load_state_dict(checkpoint["optimizer_state_dict"])
         self.epoch = checkpoint["epoch"]
         self.progress = checkpoint["progress"]
         self.elapsed_s = checkpoint["elapsed_s"]
@@ -246,26 +251,34 @@ def _generator(seed: int, epoch: int) -> torch.Generator:
     return torch.Generator().manual_seed((seed * 1_000_003 + epoch) % 2**63)
 
 
-def _metadata(recipe: Recipe, data: Dataset, row: dict[str, float]) -> dict[str, Any]:
-    """What a file of these weights says about them, but for the layers."""
+def _layout(recipe: Recipe, data: Dataset) -> dict[str, Any]:
+    """Where images and voxels are, as a file of weights tells it."""
     geometry, levels = data.geometry, data.manifest["levels"]
-    bottom = levels["bottom_km"]
     dx, dy, dz = data.voxel_spacing_km
+    levels = {"bottom_km": levels["bottom_km"], "count": data.levels, "spacing_km": dz}
     return {
-        "formation": data.formation,
         "view_geometry": {
             "sun_zenith_deg": geometry.sun_zenith_deg,
             "sun_azimuth_deg": geometry.sun_azimuth_deg,
             "view_zenith_deg": list(geometry.view_zenith_deg),
             "view_azimuth_deg": list(geometry.view_azimuth_deg),
             "pixel_km": list(geometry.pixel_km),
+            "camera_distance_km": list(geometry.camera_distance_km),
         },
         # The cameras of a dataset aim at the middle of its samples.
-        "target_altitude_km": bottom + 0.5 * data.levels * dz,
-        "wavelength_um": WAVELENGTH_UM,
-        "image_layout": "camera",
+        "target_altitude_km": levels["bottom_km"] + 0.5 * data.levels * dz,
+        "image_layout": recipe.network.image_layout(levels),
         "horizontal_spacing_km": [dx, dy],
-        "levels": {"bottom_km": bottom, "count": data.levels, "spacing_km": dz},
+        "levels": levels,
+    }
+
+
+def _metadata(recipe: Recipe, data: Dataset, row: dict[str, float]) -> dict[str, Any]:
+    """What a file of these weights says about them, but for the layers."""
+    return {
+        **_layout(recipe, data),
+        "formation": data.formation,
+        "wavelength_um": WAVELENGTH_UM,
         "input_scale": recipe.scaling.input_scale,
         "output_scale": recipe.scaling.output_scale,
         "training": {

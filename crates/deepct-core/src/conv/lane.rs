@@ -5,6 +5,7 @@ use super::kernels::SharedPlanes;
 use super::layer::BandInput;
 use super::schedule::{Order, Part, Task};
 use super::shape::{BAND, Bands, SEEN};
+use super::source::{Source, SourceRow};
 use super::stack::Strip;
 use rayon::prelude::*;
 use std::ops::{Deref, DerefMut};
@@ -47,14 +48,15 @@ pub(super) struct Lengths {
 }
 
 /// What is to be done.
-#[derive(Debug, Clone, Copy)]
+#[derive(Clone, Copy)]
 pub(super) struct Work<'a> {
     pub(super) stack: &'a Stack,
     /// The size of the image.
     pub(super) image: Bands,
     pub(super) strip: &'a Strip,
-    /// The image, `[channel, row, col]`.
-    pub(super) input: &'a [f32],
+    /// What the first layer reads, and the number of the image in it.
+    pub(super) source: &'a dyn Source,
+    pub(super) number: usize,
 }
 
 impl Lane {
@@ -163,20 +165,15 @@ impl Shared<'_> {
 
     /// Lay a band of the image out by pixels.
     fn take_in(&self, band: usize, pitch: usize, values: &mut [f32]) {
-        let Work { stack, image, input, .. } = self.work;
-        let scale = stack.scales().input;
-        let columns = &self.work.strip.computed;
+        let Work { source, number, strip: Strip { computed, .. }, .. } = self.work;
         let strip = self.strip();
         let rows = values.chunks_exact_mut(strip.row_len(pitch)).take(strip.rows_of(band));
         for (row, pixels) in rows.enumerate() {
             pixels.fill(0.0);
-            let from = (band * BAND + row) * image.cols;
-            let planes = input.chunks_exact(image.rows * image.cols);
-            for (channel, plane) in planes.enumerate() {
-                let seen = &plane[from..from + image.cols][columns.clone()];
-                let pixels = pixels[pitch + channel..].iter_mut().step_by(pitch);
-                pixels.zip(seen).for_each(|(pixel, value)| *pixel = scale * value);
-            }
+            let row = band * BAND + row;
+            let row = SourceRow { image: number, row, columns: computed.clone(), pitch };
+            // The first pixel is the column of zeros left of the image.
+            source.read(&row, &mut pixels[pitch..][..computed.len() * pitch]);
         }
         strip.clear_border(band, pitch, &mut values[..strip.len(pitch)]);
     }

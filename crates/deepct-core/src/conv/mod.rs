@@ -2,6 +2,7 @@
 //!
 //! ```text
 //! Stack      layers one after another: run() computes a band of four rows at a time
+//! Source     what the first layer reads: an array, or what is made when it is wanted
 //! Lane       the memory of one image on its way through the layers
 //! Order      which thread computes which band of which layer, and when
 //! Conv2d     a layer, its weights packed once for an algorithm and a kernel
@@ -19,6 +20,7 @@ mod layer;
 mod schedule;
 mod settings;
 mod shape;
+mod source;
 mod stack;
 
 pub use algorithm::{Algorithm, Precision};
@@ -26,4 +28,5 @@ pub use kernels::Kernel;
 pub use layer::Conv2d;
 pub use settings::{Scales, Settings};
 pub use shape::Conv2dShape;
+pub use source::{Source, SourceRow};
 pub use stack::{Scratch, Stack};

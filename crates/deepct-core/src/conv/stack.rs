@@ -4,6 +4,7 @@ use super::algorithm::Method;
 use super::lane::{Lane, Lengths, Work, unpoisoned};
 use super::schedule::Order;
 use super::shape::{BAND, Bands};
+use super::source::{Planes, Source};
 use super::{Algorithm, Conv2d, Scales, Settings};
 use crate::error::{Error, Result};
 use rayon::prelude::*;
@@ -92,7 +93,8 @@ impl Stack {
         Self { scales, ..self }
     }
 
-    pub(super) fn scales(&self) -> Scales {
+    /// Factors of what goes in and of what comes out.
+    pub fn scales(&self) -> Scales {
         self.scales
     }
 
@@ -159,7 +161,25 @@ impl Stack {
     /// a scratch that another stack made.
     pub fn run(&self, input: &[f32], output: &mut [f32], scratch: &mut Scratch) -> Result<()> {
         let [_, rows, cols] = scratch.size;
-        self.check(input.len(), output.len(), scratch.size)?;
+        let channels = self.input_channels();
+        check_length("number of values of the input", channels, input.len(), scratch.size)?;
+        let scale = self.scales.input;
+        self.run_from(&Planes { values: input, channels, rows, cols, scale }, output, scratch)
+    }
+
+    /// As [`Stack::run`], on what `source` gives, which must be scaled already.
+    ///
+    /// # Errors
+    /// As [`Stack::run`].
+    pub fn run_from(
+        &self,
+        source: &dyn Source,
+        output: &mut [f32],
+        scratch: &mut Scratch,
+    ) -> Result<()> {
+        let [_, rows, cols] = scratch.size;
+        let channels = self.output_channels();
+        check_length("number of values of the output", channels, output.len(), scratch.size)?;
         let plan = self.plan(Bands { rows, cols });
         if scratch
             .lanes
@@ -169,37 +189,23 @@ impl Stack {
             let remedy = "take the scratch from the stack that runs";
             return Err(Error::mismatch("scratch", "one for these layers", "another", remedy));
         }
-        let inputs = input.par_chunks_exact(self.input_channels() * rows * cols);
         let outputs = output.par_chunks_exact_mut(self.output_channels() * rows * cols);
         let lanes = &scratch.lanes;
-        let run = |(image, input, output): (usize, &[f32], &mut [f32])| {
-            let thread = rayon::current_thread_index().unwrap_or(image);
+        let run = |(number, output): (usize, &mut [f32])| {
+            let thread = rayon::current_thread_index().unwrap_or(number);
             let mut lane = unpoisoned(lanes[thread % lanes.len()].lock());
             for strip in plan.strips() {
-                lane.run(Work { stack: self, image: plan.image, strip: &strip, input }, output);
+                let image = plan.image;
+                lane.run(Work { stack: self, image, strip: &strip, source, number }, output);
             }
         };
-        let images = inputs.zip(outputs).enumerate().map(|(i, (input, output))| (i, input, output));
+        let images = outputs.enumerate();
         if lanes.len() > 1 {
             images.with_max_len(1).for_each(run);
         } else {
             // One after another, all threads at each: a thread that waits for a part of one
             // image must not begin another.
             images.with_min_len(usize::MAX).for_each(run);
-        }
-        Ok(())
-    }
-
-    fn check(&self, input: usize, output: usize, [count, rows, cols]: [usize; 3]) -> Result<()> {
-        for (what, channels, found) in [
-            ("number of values of the input", self.input_channels(), input),
-            ("number of values of the output", self.output_channels(), output),
-        ] {
-            if count * channels * rows * cols != found {
-                let expected = format!("{count} x {channels} x {rows} x {cols}");
-                let remedy = "give an array [image, channel, row, col] of the network's channels";
-                return Err(Error::mismatch(what, expected, found, remedy));
-            }
         }
         Ok(())
     }
@@ -241,6 +247,20 @@ impl Stack {
             layer: self.layers.iter().map(layer).max().unwrap_or(0),
         }
     }
+}
+
+fn check_length(
+    what: &str,
+    channels: usize,
+    found: usize,
+    [count, rows, cols]: [usize; 3],
+) -> Result<()> {
+    if count * channels * rows * cols == found {
+        return Ok(());
+    }
+    let expected = format!("{count} x {channels} x {rows} x {cols}");
+    let remedy = "give an array [image, channel, row, col] of the network's channels";
+    Err(Error::mismatch(what, expected, found, remedy))
 }
 
 impl Plan {

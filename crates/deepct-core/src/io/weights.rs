@@ -1,6 +1,6 @@
 //! Weights files: safetensors with what the weights are for in the header.
 //!
-//! # The file, version 1
+//! # The file, version 2
 //! A safetensors file of little-endian `F32` tensors in C order:
 //!
 //! | tensor | shape | |
@@ -20,19 +20,20 @@
 //!
 //! ```json
 //! {
-//!   "format_version": 1,
+//!   "format_version": 2,
 //!   "formation": "cloudct-10",
-//!   "architecture": { "channels": [10, 12, 14, 32], "last_relu": true },
+//!   "architecture": { "channels": [40, 48, 48, 32], "last_relu": true },
 //!   "view_geometry": {
 //!     "sun_zenith_deg": 30.0,
 //!     "sun_azimuth_deg": 45.0,
 //!     "view_zenith_deg": [46.0, 34.0, 26.0, 18.0, 9.0, 0.0, 9.0, 18.0, 26.0, 34.0],
 //!     "view_azimuth_deg": [180.0, 180.0, 180.0, 180.0, 180.0, 0.0, 0.0, 0.0, 0.0, 0.0],
-//!     "pixel_km": [0.067, 0.058, 0.054, 0.052, 0.051, 0.050, 0.051, 0.052, 0.054, 0.058]
+//!     "pixel_km": [0.069, 0.059, 0.055, 0.052, 0.051, 0.050, 0.051, 0.052, 0.055, 0.059],
+//!     "camera_distance_km": [827.1, 710.1, 660.9, 628.0, 606.8, 600.0, 606.8, 628.0, 660.9, 710.1]
 //!   },
 //!   "target_altitude_km": 1.0,
 //!   "wavelength_um": 0.672,
-//!   "image_layout": "camera",
+//!   "image_layout": { "planes": { "altitudes_km": [0.56, 0.88, 1.2, 1.52] } },
 //!   "horizontal_spacing_km": [0.05, 0.05],
 //!   "levels": { "bottom_km": 0.4, "count": 32, "spacing_km": 0.04 },
 //!   "input_scale": 10.0,
@@ -44,13 +45,15 @@
 //! }
 //! ```
 //!
+//! Version 1 knew `"camera"` alone and no `camera_distance_km`; it is read as well.
+//!
 //! | key | meaning |
 //! |---|---|
-//! | `architecture.channels` | channels before, between and after the layers: the first is the number of views, the last `levels.count` |
+//! | `architecture.channels` | channels before, between and after the layers: the first is the number of views, times that of planes if there are any, the last `levels.count` |
 //! | `architecture.last_relu` | whether a ReLU follows the last layer; one follows every other layer always |
-//! | `view_geometry` | as [`ViewGeometry`](crate::image::ViewGeometry): angles at the scene in degrees, zeniths in `[0, 90)`, azimuths clockwise from north towards the Sun or the satellite; the size of a pixel at the target (km); lists by view, in the order of the input channels |
+//! | `view_geometry` | as [`ViewGeometry`](crate::image::ViewGeometry): angles at the scene in degrees, zeniths in `[0, 90)`, azimuths clockwise from north towards the Sun or the satellite; the size of a pixel at the target and the distance of the camera from it (km; `null` for parallel rays); lists by view, in the order of the input channels |
 //! | `target_altitude_km` | altitude of the point that the middle of every image shows |
-//! | `image_layout` | `"camera"`: the images enter as the cameras took them |
+//! | `image_layout` | `"camera"`: the images enter as the cameras took them; `{"planes": {"altitudes_km": [...]}}`: they are laid on these planes first, see [`Planes`](crate::network::Planes) |
 //! | `horizontal_spacing_km` | voxel size along x and y: one output pixel is one column of voxels |
 //! | `levels` | output channel `k` is the altitude `bottom_km + k * spacing_km` to `bottom_km + (k + 1) * spacing_km` |
 //! | `input_scale` | network input = radiance (1/sr) x `input_scale` |

@@ -7,8 +7,9 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Architecture {
-    /// Number of channels before the first layer (one per view), between the layers,
-    /// and after the last one (one per level): one more than there are layers.
+    /// Number of channels before the first layer (one per view, or one per plane and
+    /// view), between the layers, and after the last one (one per level): one more than
+    /// there are layers.
     pub channels: Vec<usize>,
     /// Whether a ReLU follows the last layer too, as in the paper; one follows every
     /// other layer always.

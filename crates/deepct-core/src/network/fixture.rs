@@ -44,6 +44,7 @@ pub(crate) fn metadata(channels: &[usize]) -> WeightsMetadata {
             view_zenith_deg: (0..views).map(|view| 9.0 * view as f64 / views as f64).collect(),
             view_azimuth_deg: (0..views).map(|view| 10.0 * (view % 2) as f64).collect(),
             pixel_km: vec![0.05; views],
+            camera_distance_km: vec![Some(600.0); views],
         },
         target_altitude_km: 1.0,
         wavelength_um: 0.672,

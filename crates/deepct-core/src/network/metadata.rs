@@ -1,13 +1,14 @@
 //! What weights are for: the numbers that images must match to be used with them.
 
-use super::Architecture;
+use super::{Architecture, ImageLayout};
 use crate::error::{Error, Result};
 use crate::image::ViewGeometry;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
-/// The version of the metadata that this program writes and reads.
-pub const FORMAT_VERSION: u32 = 1;
+/// The version of the metadata that this program writes. It reads this one and those before:
+/// version 1 had no planes and did not tell how far the cameras were.
+pub const FORMAT_VERSION: u32 = 2;
 
 /// Largest difference of a view or of the Sun from what the weights are for (degrees).
 const ANGLE_TOLERANCE_DEG: f64 = 0.1;
@@ -15,12 +16,15 @@ const ANGLE_TOLERANCE_DEG: f64 = 0.1;
 const RELATIVE_TOLERANCE: f64 = 0.01;
 /// Largest difference of the altitude looked at, in levels.
 const LEVEL_TOLERANCE: f64 = 0.1;
+/// Largest relative difference of the distance of a camera. It bends the edges of a field of
+/// 6 km by a fiftieth of a pixel.
+const DISTANCE_TOLERANCE: f64 = 0.1;
 
 /// What weights are for, how they are used, and where they come from.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct WeightsMetadata {
-    /// [`FORMAT_VERSION`].
+    /// [`FORMAT_VERSION`], or one before it.
     pub format_version: u32,
     /// Name of the formation of satellites, such as `cloudct-10`.
     pub formation: String,
@@ -32,7 +36,7 @@ pub struct WeightsMetadata {
     pub target_altitude_km: f64,
     /// Wavelength of the images (um).
     pub wavelength_um: f64,
-    /// How the images lie on the horizontal plane.
+    /// How the images become the channels of the first layer.
     pub image_layout: ImageLayout,
     /// Voxel size along x and y (km); one pixel of the output is one column of voxels.
     pub horizontal_spacing_km: [f64; 2],
@@ -50,14 +54,6 @@ pub struct WeightsMetadata {
     pub program: String,
     /// The resolved configuration of the training.
     pub configuration: serde_json::Value,
-}
-
-/// How the images were laid on the horizontal plane before they enter the network.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum ImageLayout {
-    /// As the cameras took them: pixel `[row, col]` of every view is one input pixel.
-    Camera,
 }
 
 /// The altitudes of the output: channel `k` is the mean over
@@ -94,16 +90,17 @@ impl WeightsMetadata {
     /// Another format version, an angle, scale or spacing out of its range, or lists
     /// whose lengths are not the number of views.
     pub fn check(&self) -> Result<()> {
-        if self.format_version != FORMAT_VERSION {
+        if !(1..=FORMAT_VERSION).contains(&self.format_version) {
             return Err(Error::mismatch(
                 "format_version of the weights",
-                FORMAT_VERSION,
+                format!("1 to {FORMAT_VERSION}"),
                 self.format_version,
                 "use the version of deepct that the weights were written for",
             ));
         }
         self.check_numbers()?;
-        self.check_counts()
+        self.check_counts()?;
+        self.check_layout()
     }
 
     fn check_numbers(&self) -> Result<()> {
@@ -117,7 +114,9 @@ impl WeightsMetadata {
         ];
         let geometry = &self.view_geometry;
         let pixels = geometry.pixel_km.iter().map(|&size| ("view_geometry.pixel_km", size));
-        for (name, value) in positive.into_iter().chain(pixels) {
+        let distances = geometry.camera_distance_km.iter().flatten();
+        let distances = distances.map(|&distance| ("camera_distance_km", distance));
+        for (name, value) in positive.into_iter().chain(pixels).chain(distances) {
             if !(value.is_finite() && value > 0.0) {
                 return Err(Error::out_of_range(name, value, "positive and finite"));
             }
@@ -152,10 +151,10 @@ impl WeightsMetadata {
                 range,
             ));
         }
-        let (views, levels) = (channels[0], channels[channels.len() - 1]);
-        let geometry = &self.view_geometry;
+        let levels = channels[channels.len() - 1];
+        let (views, geometry) = (self.views(), &self.view_geometry);
         for (what, expected, found) in [
-            ("length of view_geometry.view_zenith_deg", views, geometry.view_zenith_deg.len()),
+            ("number of channels of the images", channels[0], self.input_channels()),
             ("length of view_geometry.view_azimuth_deg", views, geometry.view_azimuth_deg.len()),
             ("length of view_geometry.pixel_km", views, geometry.pixel_km.len()),
             ("levels.count", levels, self.levels.count),
@@ -173,7 +172,7 @@ impl WeightsMetadata {
     ///
     /// Angles may differ by 0.1 degrees, an azimuth by what moves the line of sight as
     /// much; the size of pixels and the wavelength by 1 %; the altitude looked at by a
-    /// tenth of a level.
+    /// tenth of a level; the distance of a camera, where the weights tell it, by 10 %.
     ///
     /// # Errors
     /// Names the first number that differs, what it should be and what it is.
@@ -199,6 +198,7 @@ impl WeightsMetadata {
                 return Err(self.differs(what, km(expected), km(found)));
             }
         }
+        self.check_cameras(&geometry.camera_distance_km)?;
         let climb = target_altitude_km - self.target_altitude_km;
         if !within(climb, LEVEL_TOLERANCE * self.levels.spacing_km) {
             let (expected, found) = (km(self.target_altitude_km), km(target_altitude_km));
@@ -208,6 +208,24 @@ impl WeightsMetadata {
             let um = |value: f64| format!("{value:.4} um");
             let (expected, found) = (um(self.wavelength_um), um(wavelength_um));
             return Err(self.differs("wavelength".into(), expected, found));
+        }
+        Ok(())
+    }
+
+    /// Compare the distances of cameras, where the weights tell any.
+    fn check_cameras(&self, theirs: &[Option<f64>]) -> Result<()> {
+        for (view, &ours) in self.view_geometry.camera_distance_km.iter().enumerate() {
+            let theirs = theirs.get(view).copied().flatten();
+            let same = match (ours, theirs) {
+                (Some(ours), Some(theirs)) => within(theirs / ours - 1.0, DISTANCE_TOLERANCE),
+                (ours, theirs) => ours == theirs,
+            };
+            if !same {
+                let text =
+                    |at: Option<f64>| at.map_or("parallel rays".into(), |at| format!("{at:.0} km"));
+                let what = format!("view {view}: distance of the camera");
+                return Err(self.differs(what, text(ours), text(theirs)));
+            }
         }
         Ok(())
     }
@@ -256,13 +274,21 @@ mod tests {
         let right = metadata.view_geometry.clone();
         metadata.check_images(&right, 1.0, 0.672).unwrap();
         type Change = fn(&mut ViewGeometry);
-        let changes: [(Change, &str); 6] = [
+        let changes: [(Change, &str); 8] = [
             (|g| g.view_zenith_deg[2] += 0.2, "view 2: zenith: expected 6.00 degrees, found 6.20"),
             (|g| g.view_azimuth_deg[1] += 180.0, "view 1: azimuth: expected 10.00 degrees"),
             (|g| g.sun_zenith_deg = 40.0, "solar zenith: expected 30.00 degrees, found 40.00"),
             (|g| g.sun_azimuth_deg = 46.0, "solar azimuth"),
             (|g| g.pixel_km[0] = 0.1, "view 0: pixel size at the target: expected 0.0500 km"),
             (|g| g.view_zenith_deg.truncate(2), "number of views: expected 3, found 2"),
+            (
+                |g| g.camera_distance_km[1] = None,
+                "view 1: distance of the camera: expected 600 km, found parallel rays",
+            ),
+            (
+                |g| g.camera_distance_km[2] = Some(700.0),
+                "view 2: distance of the camera: expected 600 km, found 700 km",
+            ),
         ];
         for (change, message) in changes {
             let mut wrong = right.clone();
@@ -290,7 +316,7 @@ mod tests {
     #[test]
     fn numbers_out_of_range_are_refused() {
         let changes: [fn(&mut WeightsMetadata); 7] = [
-            |m| m.format_version = 2,
+            |m| m.format_version = FORMAT_VERSION + 1,
             |m| m.input_scale = 0.0,
             |m| m.output_scale = f64::NAN,
             |m| m.levels.count = 5,

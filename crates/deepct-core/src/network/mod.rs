@@ -1,28 +1,54 @@
-//! The network: layers of 3x3 convolutions that turn a stack of images, one channel
-//! per view, into an extinction field, one channel per level (Sde-Chen et al. 2021).
+//! The network: layers of 3x3 convolutions that turn a stack of images into an extinction
+//! field, one channel per level (Sde-Chen et al. 2021).
+//!
+//! The images enter as the cameras took them, one channel per view, or the network lays them
+//! on horizontal planes first, so that one pixel of every channel is one column of voxels
+//! ([`ImageLayout`]).
 
 mod architecture;
 mod batch_norm;
+mod layout;
+mod lift;
 mod metadata;
 mod weights;
 
 pub use architecture::{Architecture, channels, receptive_field};
 pub use batch_norm::{BATCH_NORM_EPSILON, BatchNorm};
-pub use metadata::{FORMAT_VERSION, ImageLayout, Levels, Training, WeightsMetadata};
+pub use layout::{ImageLayout, Planes};
+pub use metadata::{FORMAT_VERSION, Levels, Training, WeightsMetadata};
 pub use weights::{LayerWeights, Weights};
 
-use crate::conv::{Conv2d, Scales, Scratch, Settings, Stack};
+use crate::conv::{self, Conv2d, Scales, Settings, Stack};
 use crate::error::{Error, Result};
 use crate::grid::{Grid, Volume};
 use crate::image::ViewStack;
 use crate::math::DVec3;
+use lift::Lift;
 use ndarray::Array3;
 
 /// A network that is ready to run: its weights packed for this processor.
 #[derive(Debug, Clone)]
 pub struct Network {
     metadata: WeightsMetadata,
+    lift: Option<Lift>,
     stack: Stack,
+}
+
+/// Memory for [`Network::run`], made once by [`Network::scratch`] and used as often as wanted.
+#[derive(Debug)]
+pub struct Scratch {
+    stack: conv::Scratch,
+    /// `[cloud, row, col]` that it was made for.
+    size: [usize; 3],
+    /// The images on the plane of the target, where they are laid on planes.
+    ground: Vec<f32>,
+}
+
+impl Scratch {
+    /// Its size in bytes.
+    pub fn bytes(&self) -> usize {
+        self.stack.bytes() + size_of_val(&self.ground[..])
+    }
 }
 
 impl Network {
@@ -48,7 +74,7 @@ impl Network {
         let scales =
             Scales { input: metadata.input_scale as f32, output: metadata.output_scale as f32 };
         let stack = Stack::new(layers.collect::<Result<_>>()?, settings)?.with_scales(scales);
-        Ok(Self { metadata: metadata.clone(), stack })
+        Ok(Self { metadata: metadata.clone(), lift: Lift::new(metadata), stack })
     }
 
     /// What the network is for.
@@ -58,7 +84,7 @@ impl Network {
 
     /// Number of views that the network wants.
     pub fn views(&self) -> usize {
-        self.stack.input_channels()
+        self.metadata.views()
     }
 
     /// Number of levels that the network gives.
@@ -109,7 +135,12 @@ impl Network {
     /// # Errors
     /// A size of nothing, or one that no memory can hold.
     pub fn scratch(&self, size: [usize; 3]) -> Result<Scratch> {
-        self.stack.scratch(size)
+        let stack = self.stack.scratch(size)?;
+        let ground = match &self.lift {
+            Some(lift) => vec![0.0; lift.ground_len(size)?],
+            None => Vec::new(),
+        };
+        Ok(Scratch { stack, size, ground })
     }
 
     /// The extinction (1/km), `[cloud, level, row, col]`, of the clouds in images of
@@ -119,7 +150,20 @@ impl Network {
     /// # Errors
     /// Slices that are not of these shapes.
     pub fn run(&self, input: &[f32], output: &mut [f32], scratch: &mut Scratch) -> Result<()> {
-        self.stack.run(input, output, scratch)
+        let Scratch { stack, size, ground } = scratch;
+        let Some(lift) = &self.lift else { return self.stack.run(input, output, stack) };
+        let [count, rows, cols] = *size;
+        for (what, expected, found) in [
+            ("number of values of the input", count * self.views() * rows * cols, input.len()),
+            ("length of the scratch", lift.ground_len(*size)?, ground.len()),
+        ] {
+            if expected != found {
+                let remedy = "give images [cloud, view, row, col] and the scratch made for them";
+                return Err(Error::mismatch(what, expected, found, remedy));
+            }
+        }
+        lift.lay(input, [rows, cols], ground);
+        self.stack.run_from(&lift.source(ground, [rows, cols]), output, stack)
     }
 }
 

@@ -167,6 +167,7 @@ pub fn view_geometry(sun: &Sun, views: &[View]) -> ViewGeometry {
         view_zenith_deg: views.iter().map(|view| view.zenith().to_degrees()).collect(),
         view_azimuth_deg: views.iter().map(|view| view.azimuth().to_degrees()).collect(),
         pixel_km: views.iter().map(View::pixel_km).collect(),
+        camera_distance_km: views.iter().map(View::distance_km).collect(),
     }
 }
 

@@ -118,6 +118,14 @@ impl View {
         }
     }
 
+    /// Distance of the camera from the target (km); none for parallel rays.
+    pub fn distance_km(&self) -> Option<f64> {
+        match self.projection {
+            Projection::Perspective { position, .. } => Some(position.distance(self.target)),
+            Projection::Orthographic { .. } => None,
+        }
+    }
+
     /// The image axes as unit vectors: column (east) and row (north), both normal to
     /// the line of sight.
     fn axes(&self) -> (DVec3, DVec3) {

@@ -2,7 +2,7 @@
 
     python3 crates/deepct-core/tests/parity/generate.py
 
-wants numpy, safetensors and torch. For each network NAME it writes
+wants numpy, safetensors, torch and weights_tools. For each network NAME it writes
 
     NAME.safetensors          the weights as deepct reads them, batch norms beside the
                               convolutions
@@ -12,14 +12,34 @@ wants numpy, safetensors and torch. For each network NAME it writes
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
 from safetensors.numpy import save_file
 from torch import nn
+from weights_tools.lift import lift_of
 
 FOLDER = Path(__file__).parent
-NETWORKS = {"views-10": ([10, 12, 14], True), "odd": ([3, 17, 5, 33, 2], False)}
+NETWORKS = {
+    "views-10": ([10, 12, 14], True),
+    "odd": ([3, 17, 5, 33, 2], False),
+    "planes": ([12, 9, 6], True),
+}
+ON_PLANES = {
+    "format_version": 2,
+    "view_geometry": {
+        "sun_zenith_deg": 30.0,
+        "sun_azimuth_deg": 45.0,
+        "view_zenith_deg": [46.0, 0.0, 60.0, 30.0],
+        "view_azimuth_deg": [180.0, 0.0, 70.0, 200.0],
+        "pixel_km": [0.069, 0.05, 0.08, 0.06],
+        "camera_distance_km": [828.0, 600.0, 1000.0, None],
+    },
+    "image_layout": {"planes": {"altitudes_km": [0.7, 1.0, 1.43]}},
+    "horizontal_spacing_km": [0.05, 0.04],
+}
+"""Metadata of the network on planes that differ: cameras to all sides and one at infinity."""
 SIZES = ((1, 1), (31, 45), (33, 32))
 
 
@@ -61,8 +81,10 @@ def network(channels: list[int], last_relu: bool) -> nn.Sequential:
     return result.eval()
 
 
-def metadata(channels: list[int], last_relu: bool) -> dict:
+def metadata(name: str) -> dict[str, Any]:
+    channels, last_relu = NETWORKS[name]
     views, levels = channels[0], channels[-1]
+    changes = ON_PLANES if name == "planes" else {}
     return {
         "format_version": 1,
         "formation": "none",
@@ -85,6 +107,7 @@ def metadata(channels: list[int], last_relu: bool) -> dict:
         "scores": {},
         "program": f"generate.py with PyTorch {torch.__version__}",
         "configuration": None,
+        **changes,
     }
 
 
@@ -99,13 +122,16 @@ def main() -> None:
                 tensors[f"{prefix}.{key}"] = value.numpy()
             for key in ("weight", "bias", "running_mean", "running_var"):
                 tensors[f"{prefix}.batch_norm.{key}"] = getattr(layer.norm, key).detach().numpy()
-        header = {"deepct": json.dumps(metadata(channels, last_relu))}
+        header = {"deepct": json.dumps(metadata(name))}
         save_file(tensors, FOLDER / f"{name}.safetensors", header)
         layers.double()
+        lift = lift_of(metadata(name))
+        views = len(metadata(name)["view_geometry"]["pixel_km"])
         answers = {}
         for rows, cols in SIZES:
+            values = torch.from_numpy(images(views, rows, cols))[None]
             with torch.no_grad():
-                output = layers(torch.from_numpy(images(channels[0], rows, cols))[None])[0]
+                output = layers(values if lift is None else lift(values))[0]
             answers[f"{rows}x{cols}"] = output.float().numpy()
         save_file(answers, FOLDER / f"{name}.answers.safetensors")
 

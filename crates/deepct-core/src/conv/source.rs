@@ -1,0 +1,49 @@
+//! What the first layer reads.
+
+use std::ops::Range;
+
+/// Images as the first layer reads them, row by row: an array, or numbers that are made when
+/// they are wanted, so that channels that follow from a few images are never all in memory.
+pub trait Source: Sync {
+    /// Write a row of an image: channel `c` of column `columns.start + i` is
+    /// `pixels[i * pitch + c]`. All pixels are 0 before.
+    ///
+    /// The same row may be wanted several times and by several threads.
+    fn read(&self, row: &SourceRow, pixels: &mut [f32]);
+}
+
+/// Part of a row of an image, and how it is to lie in memory.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct SourceRow {
+    /// Number of the image in the batch.
+    pub image: usize,
+    /// Row of the image.
+    pub row: usize,
+    /// Columns of the row.
+    pub columns: Range<usize>,
+    /// Distance from one pixel to the next, in floats.
+    pub pitch: usize,
+}
+
+/// An array `[image, channel, row, col]`.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Planes<'a> {
+    pub(super) values: &'a [f32],
+    pub(super) channels: usize,
+    pub(super) rows: usize,
+    pub(super) cols: usize,
+    /// Factor of every value.
+    pub(super) scale: f32,
+}
+
+impl Source for Planes<'_> {
+    fn read(&self, row: &SourceRow, pixels: &mut [f32]) {
+        let plane = self.rows * self.cols;
+        let image = &self.values[row.image * self.channels * plane..][..self.channels * plane];
+        for (channel, plane) in image.chunks_exact(plane).enumerate() {
+            let seen = &plane[row.row * self.cols..][..self.cols][row.columns.clone()];
+            let pixels = pixels[channel..].iter_mut().step_by(row.pitch);
+            pixels.zip(seen).for_each(|(pixel, value)| *pixel = self.scale * value);
+        }
+    }
+}

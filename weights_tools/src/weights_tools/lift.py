@@ -1,0 +1,108 @@
+"""Images laid on horizontal planes, as ``deepct``'s ``Planes`` lays them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+
+ROUNDING = 1e-6
+"""Taken off a parallax (voxels) before it is rounded: half a voxel is rounded down, so that
+the last bit of a tangent decides nothing."""
+
+
+class Lift(nn.Module):
+    """Images ``[n, view, row, col]`` to channels ``[n, plane * views + view, y, x]``.
+
+    Each image is resampled once, bilinearly, on the plane of the target; on a plane at another
+    altitude it lies as far off as a cloud there seems to be, to the nearest voxel. Beyond its
+    edge an image goes on as it is there. It has no parameters, and takes images of any size
+    that show the target in their middle.
+    """
+
+    def __init__(self, metadata: dict[str, Any]) -> None:
+        """By the metadata of weights whose ``image_layout`` has planes."""
+        super().__init__()
+        geometry = metadata["view_geometry"]
+        zenith = torch.tensor(geometry["view_zenith_deg"]).double().deg2rad()
+        azimuth = torch.tensor(geometry["view_azimuth_deg"]).double().deg2rad()
+        altitudes = torch.tensor(metadata["image_layout"]["planes"]["altitudes_km"]).double()
+        dx, dy = metadata["horizontal_spacing_km"]
+        shift = -(altitudes[:, None] - metadata["target_altitude_km"]) * zenith.tan()
+        parallax = torch.stack([shift * azimuth.cos() / dy, shift * azimuth.sin() / dx], -1)
+        self.parallax: list[list[tuple[int, int]]] = _half_away(parallax - ROUNDING).tolist()
+        """Rows and columns by plane and view, from the plane of the target."""
+        offsets = [at for plane in self.parallax for at in plane]
+        self.margin = [max(abs(at[axis]) for at in offsets) for axis in (0, 1)]
+        self.spacing = (dy, dx)
+        self.cameras = _cameras(zenith, azimuth, geometry)
+        self._grids: dict[tuple[int, int], Tensor] = {}
+
+    @property
+    def channels(self) -> int:
+        return len(self.parallax) * len(self.cameras)
+
+    def forward(self, images: Tensor) -> Tensor:
+        """The images on all planes, in the order of the network's channels."""
+        ground = self.ground(images)
+        rows, cols = images.shape[2:]
+        channels = []
+        for plane in self.parallax:
+            for view, (north, east) in enumerate(plane):
+                top, left = self.margin[0] + north, self.margin[1] + east
+                channels.append(ground[:, view, top : top + rows, left : left + cols])
+        return torch.stack(channels, 1)
+
+    def ground(self, images: Tensor) -> Tensor:
+        """The images on the plane of the target, with the margin that other planes want."""
+        count, views, rows, cols = images.shape
+        grid = self._grid((rows, cols)).to(images)
+        grid = grid.expand(count, *grid.shape).flatten(0, 1)
+        sampled = nn.functional.grid_sample(
+            images.reshape(-1, 1, rows, cols), grid, padding_mode="border", align_corners=False
+        )
+        return sampled.unflatten(0, (count, views)).squeeze(2)
+
+    def _grid(self, size: tuple[int, int]) -> Tensor:
+        """Where each voxel of the ground is in each image, ``[view, y, x, (col, row)]`` from
+        -1 to 1 between the edges of the image."""
+        if size not in self._grids:
+            y, x = (
+                step * (torch.arange(lines + 2 * margin).double() + 0.5 - margin - 0.5 * lines)
+                for step, lines, margin in zip(self.spacing, size, self.margin)
+            )
+            point = torch.stack(torch.broadcast_tensors(x, y[:, None]), -1)
+            pixel = torch.einsum("vap,yxp->vyxa", self.cameras[:, :2], point)
+            depth = 1.0 - torch.einsum("vp,yxp->vyx", self.cameras[:, 2], point)
+            pixel = pixel / depth.clamp_min(1e-3)[..., None]
+            self._grids[size] = pixel / torch.tensor([0.5 * size[1], 0.5 * size[0]]).double()
+        return self._grids[size]
+
+
+def _half_away(values: Tensor) -> Tensor:
+    return (values.sign() * (values.abs() + 0.5).floor()).long()
+
+
+def _cameras(zenith: Tensor, azimuth: Tensor, geometry: dict[str, Any]) -> Tensor:
+    """Three factors of ``(x, y)`` (km from the target) by view: those of the column, of the
+    row, and of the depth that both are divided by one less of."""
+    cameras = []
+    for view, distance in enumerate(geometry["camera_distance_km"]):
+        pixel = geometry["pixel_km"][view]
+        if distance is None:
+            parallel = [[1.0 / pixel, 0.0], [0.0, 1.0 / pixel], [0.0, 0.0]]
+            cameras.append(torch.tensor(parallel, dtype=torch.float64))
+            continue
+        sine, cosine = zenith[view].sin(), zenith[view].cos()
+        towards = torch.stack([sine * azimuth[view].sin(), sine * azimuth[view].cos(), cosine])
+        east = torch.tensor([1.0, 0.0, 0.0]).double()
+        col = nn.functional.normalize(east - east.dot(towards) * towards, dim=0)
+        row = torch.linalg.cross(towards, col)
+        cameras.append(torch.stack([col[:2] / pixel, row[:2] / pixel, towards[:2] / distance]))
+    return torch.stack(cameras)
+
+
+def lift_of(metadata: dict[str, Any]) -> Lift | None:
+    """The lift that weights with such metadata want; ``None`` where images enter as they are."""
+    return None if metadata["image_layout"] == "camera" else Lift(metadata)

@@ -1,0 +1,95 @@
+"""How the parameters move: Muon for the kernels, Adam for all else."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+
+MOMENTUM = 0.95
+"""Share of the last step's gradient that Muon keeps."""
+
+COEFFICIENTS = (3.4445, -4.7750, 2.0315)
+"""Of the quintic ``a X + b X X'X + c X X'X X'X`` that pulls singular values towards 1, as
+Jordan et al. chose them."""
+
+ITERATIONS = 5
+
+
+class Muon(torch.optim.Optimizer):
+    """Steps along the orthogonal matrix nearest to the gradient's moving mean.
+
+    A kernel is the matrix ``[out, in * 9]``. All its singular values move alike, so what few
+    clouds ask for is learned as fast as what all ask for (K. Jordan et al. 2024, "Muon: an
+    optimizer for hidden layers in neural networks"; Nesterov's momentum).
+    """
+
+    def __init__(self, kernels: list[Tensor], learning_rate: float) -> None:
+        super().__init__(kernels, {"lr": learning_rate})
+
+    @torch.no_grad()
+    def step(self, closure: Any = None) -> None:
+        for group in self.param_groups:
+            for kernel in group["params"]:
+                if kernel.grad is None:
+                    continue
+                state = self.state[kernel]
+                if not state:
+                    state["mean_gradient"] = torch.zeros_like(kernel)
+                mean = state["mean_gradient"].lerp_(kernel.grad, 1.0 - MOMENTUM)
+                ahead = kernel.grad.lerp(mean, MOMENTUM)
+                direction = nearest_orthogonal(ahead.flatten(1)).view_as(kernel)
+                kernel.add_(direction, alpha=-group["lr"])
+
+
+def nearest_orthogonal(matrix: Tensor) -> Tensor:
+    """A matrix with the singular vectors of ``matrix`` and singular values between about 0.7
+    and 1.2, by Newton and Schulz's iteration."""
+    tall = matrix.shape[0] > matrix.shape[1]
+    result = matrix.T if tall else matrix
+    result = result / result.norm().clamp_min(1e-12)
+    a, b, c = COEFFICIENTS
+    for _ in range(ITERATIONS):
+        square = result @ result.T
+        result = a * result + (b * square + c * square @ square) @ result
+    return result.T if tall else result
+
+
+class Optimizers:
+    """The optimizers of a network: Adam alone, or Muon for its kernels beside it."""
+
+    def __init__(self, network: nn.Module, muon_share: float) -> None:
+        """``muon_share`` is Muon's learning rate over Adam's; 0 leaves the kernels to Adam."""
+        kernels = [part for part in network.parameters() if part.ndim == 4]
+        others = [part for part in network.parameters() if part.ndim != 4]
+        self._rates = [1.0]
+        if muon_share == 0.0:
+            self._all: list[torch.optim.Optimizer] = [torch.optim.Adam(network.parameters())]
+        else:
+            self._all = [torch.optim.Adam(others), Muon(kernels, muon_share)]
+            self._rates.append(muon_share)
+
+    @property
+    def learning_rate(self) -> float:
+        """Adam's, that of the last step."""
+        return self._all[0].param_groups[0]["lr"]
+
+    def zero_grad(self) -> None:
+        for optimizer in self._all:
+            optimizer.zero_grad()
+
+    def step(self, learning_rate: float) -> None:
+        """One step, at Adam's learning rate."""
+        for optimizer, factor in zip(self._all, self._rates):
+            for group in optimizer.param_groups:
+                group["lr"] = factor * learning_rate
+            optimizer.step()
+
+    def state_dict(self) -> dict[str, Any]:
+        """The state of each, by its number."""
+        return {str(at): optimizer.state_dict() for at, optimizer in enumerate(self._all)}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        for at, optimizer in enumerate(self._all):
+            optimizer.load_state_dict(state[str(at)])
