@@ -17,6 +17,7 @@ from weights_tools.errors import InputError
 from weights_tools.lift import lift_of
 from weights_tools.metrics import mass_error, relative_error
 from weights_tools.model import Network
+from weights_tools.neighbours import Neighbours
 from weights_tools.optimizer import Optimizers
 from weights_tools.recipe import LossRecipe, Recipe, TrainingRecipe
 from weights_tools.sensor import Sensor
@@ -59,6 +60,9 @@ class Training:
             self.shifter = Shifter(
                 data.geometry, data.voxel_spacing_km, recipe.training.shift_voxels
             )
+        self.neighbours = None
+        if self.shifter is not None and recipe.training.neighbours:
+            self.neighbours = Neighbours(data.train, self.shifter, recipe.training.neighbours)
         noisy = validation_images(data, recipe.sensor, recipe.training.seed)
         self.validation = Samples(data.validation.extinction, noisy)
         self.epoch = 0
@@ -136,6 +140,8 @@ class Training:
         extinction, radiance = self.data.train.extinction[batch], self.data.train.radiance[batch]
         if self.shifter is not None:
             extinction, radiance = self.shifter.draw(extinction, radiance, generator)
+        if self.neighbours is not None:
+            extinction, radiance = self.neighbours.draw(extinction, radiance, generator)
         rows, cols = self._crop(radiance, generator)
         extinction = extinction[..., rows, cols]
         images = self._input(self.recipe.sensor.sense(radiance, generator), rows, cols)
