@@ -106,6 +106,8 @@ def load_weights(path: Path) -> Layers:
 
     with safe_open(path, framework="numpy") as file:
         metadata = json.loads(file.metadata()["deepct"])
+        if metadata["image_layout"] != "camera":
+            sys.exit(f"{path}: lays images on planes, and this compares layers alone")
         architecture, layers = metadata["architecture"], []
         count = len(architecture["channels"]) - 1
         for index in range(count):

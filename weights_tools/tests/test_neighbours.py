@@ -45,8 +45,10 @@ def test_a_neighbour_stands_clear_and_its_images_are_where_it_stands():
             assert torch.equal(bright[1].any(0), columns) or not bright[0].any()
             if added.any():
                 seen += 1
-                lines = [[part.amax((0, 2 - axis)).nonzero() for part in (alone, added)]
-                         for axis in (0, 1)]  # fmt: skip
+                lines = [
+                    [part.amax((0, 2 - axis)).nonzero() for part in (alone, added)]
+                    for axis in (0, 1)
+                ]
                 gaps = [max(b.min() - a.max(), a.min() - b.max()) - 1 for a, b in lines]
                 assert GAP[0] <= max(gaps)
     assert seen > 40
