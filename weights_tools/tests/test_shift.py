@@ -25,32 +25,39 @@ def test_fractions_of_a_pixel_move_smooth_lines():
 def test_the_image_moves_with_the_cloud():
     """Blobs drawn where a camera sees them, before and after a shift of the cloud."""
     zenith = 40.0
-    geometry = ViewGeometry(30.0, 45.0, (0.0, zenith), (0.0, 180.0), (0.05, 0.0625))
-    shifter = Shifter(geometry, (0.05, 0.05, 0.04), 3)
+    angles = (0.0, zenith, zenith)
+    geometry = ViewGeometry(30.0, 45.0, angles, (0.0, 180.0, 0.0), (0.05, 0.0625, 0.0625))
+    shifter = Shifter(geometry, (0.05, 0.05, 0.04), 3, 2)
 
-    def scene(north_km: float, east_km: float):
-        extinction = torch.zeros(1, 2, 16, 16)
-        extinction[0, 0, round(8 + north_km / 0.05), round(8 + east_km / 0.05)] = 1.0
+    def scene(up_km: float, north_km: float, east_km: float):
+        extinction = torch.zeros(1, 6, 16, 16)
+        place = (3 + up_km / 0.04, 8 + north_km / 0.05, 8 + east_km / 0.05)
+        extinction[0][tuple(round(index) for index in place)] = 1.0
         images = []
-        for angle, pixel in ((0.0, 0.05), (zenith, 0.0625)):
-            row = north_km * math.cos(math.radians(angle)) / pixel + 8
+        for slant, pixel in ((0.0, 0.05), (zenith, 0.0625), (-zenith, 0.0625)):
+            # Seen from the south, what is higher is farther to the north.
+            angle = math.radians(slant)
+            row = (north_km * math.cos(angle) + up_km * math.sin(angle)) / pixel + 8
             col = east_km / pixel + 8
             line = torch.arange(16.0)
             images.append(torch.exp(-((line - row)[:, None] ** 2 + (line - col)[None, :] ** 2) / 8))
         return extinction, torch.stack(images)[None]
 
-    extinction, images = scene(0.0, 0.0)
+    extinction, images = scene(0.0, 0.0, 0.0)
     generator = torch.Generator().manual_seed(5)
     seen = set()
     for _ in range(20):
         moved, moved_images = shifter.draw(extinction, images, generator)
-        row, col = (int(place) for place in torch.nonzero(moved[0, 0])[0])
-        seen.add((row, col))
-        expected_cloud, expected_images = scene((row - 8) * 0.05, (col - 8) * 0.05)
+        level, row, col = (int(place) for place in torch.nonzero(moved[0])[0])
+        seen.add((level, row, col))
+        expected_cloud, expected_images = scene(
+            (level - 3) * 0.04, (row - 8) * 0.05, (col - 8) * 0.05
+        )
         assert torch.equal(moved, expected_cloud)
         assert (moved_images - expected_images).abs().max() < 0.02
     assert len(seen) > 10
-    assert all(5 <= place <= 11 for pair in seen for place in pair)
+    assert all(5 <= place <= 11 for places in seen for place in places[1:])
+    assert {level for level, _, _ in seen} == {1, 2, 3, 4, 5}
 
 
 def test_no_cloud_leaves_its_domain():

@@ -20,6 +20,7 @@ RECIPE = Recipe(
         batch=2,
         muon_learning_rate=0.02,
         shift_voxels=1,
+        shift_levels=1,
         neighbours=0.5,
         crop=6,
         crop_shift=1,

@@ -86,6 +86,8 @@ class TrainingRecipe:
     """Slope of the last ReLU below zero while training: what was missed can still be found."""
     shift_voxels: int = 0
     """Largest horizontal shift of a cloud and its images, along x and along y."""
+    shift_levels: int = 0
+    """Largest vertical shift."""
     neighbours: float = 0.0
     """Share of the clouds that get another one beside them, as in a field; wants shifts."""
     crop: int = 0
@@ -181,11 +183,12 @@ def _check(recipe: Recipe, path: Path) -> None:
         ("training.crop_shift", training.crop_shift >= 0, "0 or more"),
         ("training.crop_until", 0.0 <= training.crop_until <= 1.0, "between 0 and 1"),
         ("training.shift_voxels", training.shift_voxels >= 0, "0 or more"),
+        ("training.shift_levels", training.shift_levels >= 0, "0 or more"),
         ("training.neighbours", 0.0 <= training.neighbours <= 1.0, "between 0 and 1"),
         (
             "training.neighbours",
-            training.neighbours == 0.0 or training.shift_voxels > 0,
-            "0 where shift_voxels is 0",
+            training.neighbours == 0.0 or training.shift_voxels + training.shift_levels > 0,
+            "0 where nothing is shifted",
         ),
         ("loss", min(getattr(loss, term.name) for term in fields(loss)) >= 0.0, "not negative"),
         ("loss", max(getattr(loss, term.name) for term in fields(loss)) > 0.0, "not all zero"),

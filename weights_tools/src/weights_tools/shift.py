@@ -1,10 +1,12 @@
-"""Horizontal shifts of a cloud together with its images, as more training data.
+"""Shifts of a cloud together with its images, as more training data.
 
 Every camera keeps aiming at the middle of the domain. A shift by whole voxels moves the
 cloud ``d`` km to the east and ``e`` km to the north, and so its image in a view under
 the zenith ``theta`` along the track by ``d / pixel`` columns and ``e cos(theta) / pixel``
-rows. The satellites are hundreds of km away: that the perspective changes with the
-shift is below a thousandth of it.
+rows; one of ``h`` km upwards by ``h sin(theta) / pixel`` rows away from the camera. The
+satellites are hundreds of km away: that the perspective changes with the shift is below a
+thousandth of it. Of a cloud that is lifted, the light between it and the ground and the air
+above it stay as they were, which is little of its radiance.
 """
 
 from __future__ import annotations
@@ -18,34 +20,45 @@ from weights_tools.dataset import ViewGeometry
 
 
 class Shifter:
-    """Draws shifts of up to ``voxels`` along x and y that leave the cloud in its domain."""
+    """Draws shifts of up to ``voxels`` along x and y and ``levels`` along z that leave the
+    cloud in its domain."""
 
     def __init__(
-        self, geometry: ViewGeometry, voxel_spacing_km: tuple[float, float, float], voxels: int
+        self,
+        geometry: ViewGeometry,
+        voxel_spacing_km: tuple[float, float, float],
+        voxels: int,
+        levels: int = 0,
     ):
         for zenith, azimuth in zip(geometry.view_zenith_deg, geometry.view_azimuth_deg):
             if abs(math.sin(math.radians(azimuth)) * math.sin(math.radians(zenith))) > 1e-3:
                 raise ValueError("shifts need views along a track from south to north")
-        dx, dy, _ = voxel_spacing_km
+        dx, dy, dz = voxel_spacing_km
         pixel = torch.tensor(geometry.pixel_km)
-        cosine = torch.tensor(geometry.view_zenith_deg).deg2rad().cos()
+        zenith = torch.tensor(geometry.view_zenith_deg).deg2rad()
+        north = torch.tensor(geometry.view_azimuth_deg).deg2rad().cos()
         self.columns_per_voxel = dx / pixel
-        self.rows_per_voxel = dy * cosine / pixel
-        self.voxels = voxels
+        self.rows_per_voxel = dy * zenith.cos() / pixel
+        self.rows_per_level = -dz * zenith.sin() * north / pixel
+        self.voxels, self.levels = voxels, levels
 
     def draw(
         self, extinction: Tensor, radiance: Tensor, generator: torch.Generator
     ) -> tuple[Tensor, Tensor]:
         """A batch of clouds ``[n, z, y, x]`` and images ``[n, view, row, col]``, each shifted."""
-        shape = (2, len(extinction))
-        shifts = torch.randint(-self.voxels, self.voxels + 1, shape, generator=generator)
-        cloudy = extinction.amax(1) > 0.0
-        north = _within(shifts[0], cloudy.any(2))
-        east = _within(shifts[1], cloudy.any(1))
-        moved = torch.stack(
-            [cloud.roll((int(y), int(x)), (1, 2)) for cloud, y, x in zip(extinction, north, east)]
-        )
-        rows = interpolation(north[:, None] * self.rows_per_voxel, radiance.shape[2])
+
+        def draw(most: int, cloudy: Tensor) -> Tensor:
+            shifts = torch.randint(-most, most + 1, (len(extinction),), generator=generator)
+            return _within(shifts, cloudy)
+
+        cloudy = extinction > 0.0
+        up = draw(self.levels, cloudy.flatten(2).any(2))
+        north = draw(self.voxels, cloudy.any(1).any(2))
+        east = draw(self.voxels, cloudy.any(1).any(1))
+        places = torch.stack([up, north, east], 1).tolist()
+        moved = torch.stack([cloud.roll(at, (0, 1, 2)) for cloud, at in zip(extinction, places)])
+        northwards = north[:, None] * self.rows_per_voxel + up[:, None] * self.rows_per_level
+        rows = interpolation(northwards, radiance.shape[2])
         cols = interpolation(east[:, None] * self.columns_per_voxel, radiance.shape[3])
         return moved, (rows @ radiance @ cols.transpose(-1, -2)).clamp_(min=0.0)
 

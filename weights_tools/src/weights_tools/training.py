@@ -56,10 +56,9 @@ class Training:
         muon_share = recipe.training.muon_learning_rate / recipe.training.learning_rate
         self.optimizers = Optimizers(self.network, muon_share)
         self.shifter = None
-        if recipe.training.shift_voxels:
-            self.shifter = Shifter(
-                data.geometry, data.voxel_spacing_km, recipe.training.shift_voxels
-            )
+        shifts = recipe.training.shift_voxels, recipe.training.shift_levels
+        if any(shifts):
+            self.shifter = Shifter(data.geometry, data.voxel_spacing_km, *shifts)
         self.neighbours = None
         if self.shifter is not None and recipe.training.neighbours:
             self.neighbours = Neighbours(data.train, self.shifter, recipe.training.neighbours)
