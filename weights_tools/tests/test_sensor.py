@@ -15,7 +15,10 @@ def images(electrons: float, pixels: int = 400) -> torch.Tensor:
     return radiance
 
 
-@pytest.mark.parametrize(("electrons", "ratio"), [(6750.0, "81"), (1350.0, "34"), (135.0, "7.6")])
+@pytest.mark.parametrize(
+    ("electrons", "ratio"),
+    [(6750.0, "81"), (1350.0, "34"), (210.0, "11"), (190.0, "9.8"), (135.0, "7.6")],
+)
 def test_mean_and_variance_are_those_of_the_equation(electrons, ratio):
     sensor = Sensor()
     sensed = sensor.sense(images(electrons), torch.Generator().manual_seed(1))

@@ -12,6 +12,11 @@ import torch
 from torch import Tensor
 
 
+MANY = 200.0
+"""Electrons from which on Poisson's distribution is drawn as a normal one, ten times faster:
+its skewness, 7 % there, drowns in the readout and the grey levels."""
+
+
 @dataclass(frozen=True)
 class Sensor:
     """A sensor by the numbers of its data sheet; the default is the paper's CMV4000."""
@@ -61,8 +66,17 @@ class Sensor:
         if brightest is None:
             brightest = radiance.amax((-3, -2, -1), keepdim=True)
         scale = self.full_well / brightest
-        charge = torch.poisson(radiance * scale + self.dark_charge, generator=generator)
+        charge = _arrivals(radiance * scale + self.dark_charge, generator)
         noise = torch.randn(radiance.shape, generator=generator, device=radiance.device)
         gain = self.electrons_per_count
         counts = ((charge + self.read_noise * noise) / gain).round_().clamp_(0, 2**self.bits - 1)
         return (counts * gain - self.dark_charge) / scale
+
+
+def _arrivals(mean: Tensor, generator: torch.Generator) -> Tensor:
+    """Numbers of electrons that are freed one by one."""
+    noise = torch.randn(mean.shape, generator=generator, device=mean.device)
+    charge = mean.addcmul(mean.sqrt(), noise)
+    few = mean < MANY
+    charge[few] = torch.poisson(mean[few], generator=generator)
+    return charge
