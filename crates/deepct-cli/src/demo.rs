@@ -78,7 +78,7 @@ fn photograph(cloud: &Cloud, samples_per_pixel: u32, global: &Global) -> Result<
     let progress = RenderProgress::start(global, "render");
     let rendering = render(&scene, &views, &solver, &progress)?;
     let mut observation = Observation::new(sun, views, rendering.images)?;
-    observation.standard_error = Some(rendering.standard_error);
+    observation.standard_error = rendering.standard_error;
     Ok(observation)
 }
 

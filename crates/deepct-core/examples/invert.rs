@@ -27,7 +27,7 @@ fn main() -> Result<()> {
     let settings = MonteCarloSettings { samples_per_pixel: 1024, ..Default::default() };
     let rendering = render(&scene, &views, &Solver::MonteCarlo(settings), &())?;
     let mut observation = Observation::new(scene.sun, views.clone(), rendering.images)?;
-    observation.standard_error = Some(rendering.standard_error);
+    observation.standard_error = rendering.standard_error;
 
     // The cloud whose images are the same, by the deterministic solver and its derivatives.
     let mask = carve(&observation, &grid, &CarveSettings::default())?.mask;

@@ -72,7 +72,7 @@ fn mean(rendering: &Rendering, view: usize) -> Radiance {
     let count = image.len() as f64;
     Radiance {
         mean: sum(1, image) / count,
-        standard_error: sum(2, rendering.standard_error.image(view)).sqrt() / count,
+        standard_error: sum(2, rendering.standard_error.as_ref().unwrap().image(view)).sqrt() / count,
     }
 }
 
@@ -336,7 +336,7 @@ fn a_wanted_noise_is_reached_and_a_stop_is_heard() {
     for view in 0..views.len() {
         let image = found.images.image(view);
         let brightest = image.iter().copied().fold(0.0, f32::max);
-        let noise = image.iter().zip(found.standard_error.image(view));
+        let noise = image.iter().zip(found.standard_error.as_ref().unwrap().image(view));
         let bright = noise.filter(|(value, _)| **value > 0.5 * brightest);
         let ratios: Vec<f32> = bright.map(|(value, error)| error / value).collect();
         let square = ratios.iter().map(|ratio| ratio * ratio).sum::<f32>() / ratios.len() as f32;

@@ -4,13 +4,13 @@ use crate::array::{Floats, VOLUME, give};
 use crate::error::raise;
 use crate::grid::Grid;
 use crate::view::{Sun, ViewSequence};
-use deepct_core::Result;
+use deepct_core::{Error, Result};
 use deepct_core::cloud::{Cloud, Microphysics};
 use deepct_core::grid::Volume;
 use deepct_core::optics::air::Air;
 use deepct_core::optics::{DropletSettings, DropletTable, Interpolation, Medium, PhaseFunction};
 use deepct_core::scene::{self, Boundary, Scene, Surface, Waves};
-use deepct_core::transport::{self, MonteCarloSettings, Solver};
+use deepct_core::transport::{self, MonteCarloSettings, OrdinatesSettings, Solver};
 use numpy::PyArray3;
 use numpy::ndarray::Array3;
 use pyo3::prelude::*;
@@ -27,14 +27,14 @@ const MOST_SAMPLES: u32 = 1 << 24;
 /// ----------
 /// radiance : numpy.ndarray, float32, [view, row, col]
 ///     Radiance (1/sr for a Sun of unit irradiance), the mean over each pixel's area.
-/// standard_error : numpy.ndarray, float32, [view, row, col]
-///     Standard error of each pixel (1/sr).
+/// standard_error : numpy.ndarray, float32, [view, row, col], or None
+///     Standard error of each pixel (1/sr); None by a solver without noise.
 /// samples_per_pixel : int
-///     Light paths of each pixel.
+///     Light paths of each pixel; 0 by a solver that follows none.
 #[pyclass(frozen, module = "deepct_py", get_all)]
 pub(crate) struct Rendering {
     radiance: Py<PyArray3<f32>>,
-    standard_error: Py<PyArray3<f32>>,
+    standard_error: Option<Py<PyArray3<f32>>>,
     samples_per_pixel: u32,
 }
 
@@ -74,7 +74,7 @@ impl Phase {
 ///
 /// Backward Monte Carlo: paths start in a pixel, scatter by chance, and look at the Sun
 /// from each scattering. The same seed gives the same images, whatever the number of
-/// threads.
+/// threads. Or discrete ordinates: without noise, in seconds, and about 1 % off.
 ///
 /// Parameters
 /// ----------
@@ -86,6 +86,9 @@ impl Phase {
 ///     The cameras, all of one image size.
 /// sun : Sun, optional
 ///     Zenith 30 and azimuth 45 degrees where it is not given.
+/// solver : str
+///     "monte-carlo" or "ordinates"; `samples_per_pixel`, `noise`, `seed` and
+///     `similarity_after` are for the former.
 /// samples_per_pixel : int, optional
 ///     Light paths of each pixel, the most of them where `noise` is given. 256, or as many
 ///     as `noise` wants, where it is not given.
@@ -132,8 +135,8 @@ impl Phase {
 ///     of range.
 #[pyfunction]
 #[pyo3(signature = (
-    extinction, grid, views, sun = None, *, samples_per_pixel = None, noise = None, seed = 1,
-    asymmetry = 0.86, single_scattering_albedo = 1.0, effective_radius = None,
+    extinction, grid, views, sun = None, *, solver = "monte-carlo", samples_per_pixel = None,
+    noise = None, seed = 1, asymmetry = 0.86, single_scattering_albedo = 1.0, effective_radius = None,
     effective_variance = 0.1, wavelength = 0.672, surface_albedo = 0.05, wind_speed = None,
     air = false, trilinear = false, periodic = false, similarity_after = None,
 ))]
@@ -145,6 +148,7 @@ pub(crate) fn render(
     grid: Grid,
     views: ViewSequence,
     sun: Option<Sun>,
+    solver: &str,
     samples_per_pixel: Option<u32>,
     noise: Option<f64>,
     seed: u64,
@@ -173,7 +177,19 @@ pub(crate) fn render(
     };
     let most = if noise.is_some() { MOST_SAMPLES } else { SAMPLES };
     let samples_per_pixel = samples_per_pixel.unwrap_or(most);
-    let settings = MonteCarloSettings { samples_per_pixel, noise, seed, similarity_after };
+    let solver = match solver {
+        "monte-carlo" => Solver::MonteCarlo(MonteCarloSettings {
+            samples_per_pixel,
+            noise,
+            seed,
+            similarity_after,
+        }),
+        "ordinates" => Solver::Ordinates(OrdinatesSettings::default()),
+        _ => {
+            let known = "\"monte-carlo\" or \"ordinates\"";
+            return Err(raise(Error::out_of_range("solver", format!("\"{solver}\""), known)));
+        }
+    };
     let interpolation = if trilinear { Interpolation::Trilinear } else { Interpolation::Constant };
     let boundary = if periodic { Boundary::Periodic } else { Boundary::Open };
     let rendering = py
@@ -185,12 +201,12 @@ pub(crate) fn render(
             let air = if air { Some(Air::new(wavelength)?) } else { None };
             let scene = Scene::new(medium.with_interpolation(interpolation), sun, surface)?;
             let scene = Scene { air, boundary, ..scene };
-            transport::render(&scene, &views.0, &Solver::MonteCarlo(settings), &())
+            transport::render(&scene, &views.0, &solver, &())
         })
         .map_err(raise)?;
     Ok(Rendering {
         radiance: give(py, rendering.images.values),
-        standard_error: give(py, rendering.standard_error.values),
+        standard_error: rendering.standard_error.map(|stack| give(py, stack.values)),
         samples_per_pixel: rendering.samples_per_pixel,
     })
 }

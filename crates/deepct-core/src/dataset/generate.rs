@@ -203,7 +203,7 @@ impl<'a> Workshop<'a> {
         });
         let rendering = transport::render(&scene, &self.views, &solver, &())?;
         let mut observation = Observation::new(self.sun, self.views.clone(), rendering.images)?;
-        observation.standard_error = Some(rendering.standard_error);
+        observation.standard_error = rendering.standard_error;
         let configuration = serde_json::to_string(self.settings).unwrap_or_default();
         let provenance =
             Provenance { title: "deepct dataset generate".into(), configuration, seed };

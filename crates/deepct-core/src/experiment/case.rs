@@ -119,7 +119,7 @@ impl Case {
         });
         let rendering = transport::render(&scene, &views, &solver, &())?;
         let mut observation = Observation::new(scene.sun, views, rendering.images)?;
-        observation.standard_error = Some(rendering.standard_error);
+        observation.standard_error = rendering.standard_error;
         Ok((truth, observation))
     }
 }

@@ -32,6 +32,9 @@ pub enum Solver {
     /// Random light paths from the camera to the Sun: exact up to noise, which the
     /// answer tells.
     MonteCarlo(MonteCarloSettings),
+    /// Discrete directions and finite elements: without noise, in seconds, and about 1 %
+    /// off.
+    Ordinates(OrdinatesSettings),
 }
 
 impl Default for Solver {
@@ -45,9 +48,9 @@ impl Default for Solver {
 pub struct Rendering {
     /// Radiance (1/sr for a Sun of unit irradiance), the mean over each pixel's area.
     pub images: ViewStack,
-    /// Standard error of each pixel, in the same unit.
-    pub standard_error: ViewStack,
-    /// Number of light paths of each pixel.
+    /// Standard error of each pixel, in the same unit; none by a solver without noise.
+    pub standard_error: Option<ViewStack>,
+    /// Number of light paths of each pixel; 0 by a solver that follows none.
     pub samples_per_pixel: u32,
     /// Whether the watch stopped the work before it was done.
     pub interrupted: bool,
@@ -80,7 +83,8 @@ impl Watch for () {}
 
 /// The images of `scene` by `views`; `watch` learns how far they are, and may stop them.
 ///
-/// The result does not depend on the number of threads.
+/// The result of random paths does not depend on the number of threads. The deterministic
+/// solver is done too soon to be watched.
 ///
 /// # Errors
 /// No view, views of different sizes, a setting out of range, or a trilinear medium
@@ -95,6 +99,15 @@ pub fn render(
     check_sizes(views)?;
     match solver {
         Solver::MonteCarlo(settings) => monte_carlo::render(scene, views, settings, watch),
+        Solver::Ordinates(settings) => {
+            let mut model = OrdinatesModel::new(scene, views, None, settings)?;
+            Ok(Rendering {
+                images: model.images(&scene.medium.extinction)?,
+                standard_error: None,
+                samples_per_pixel: 0,
+                interrupted: false,
+            })
+        }
     }
 }
 

@@ -216,7 +216,7 @@ pub(super) fn render(
     };
     Ok(Rendering {
         images: stack(|radiance| radiance.mean)?,
-        standard_error: stack(|radiance| radiance.standard_error)?,
+        standard_error: Some(stack(|radiance| radiance.standard_error)?),
         samples_per_pixel: film.sums[0].count,
         interrupted,
     })

@@ -121,7 +121,7 @@ class Rendering:
     @property
     def radiance(self) -> NDArray[np.float32]: ...
     @property
-    def standard_error(self) -> NDArray[np.float32]: ...
+    def standard_error(self) -> Optional[NDArray[np.float32]]: ...
     @property
     def samples_per_pixel(self) -> int: ...
 
@@ -131,6 +131,7 @@ def render(
     views: Union[Views, Sequence[View]],
     sun: Optional[Sun] = None,
     *,
+    solver: Literal["monte-carlo", "ordinates"] = "monte-carlo",
     samples_per_pixel: Optional[int] = None,
     noise: Optional[float] = None,
     seed: int = 1,

@@ -11,7 +11,7 @@ const DARK: f64 = 40.0;
 pub(super) const PARTS: usize = 4;
 /// Nodes of the Gauss-Legendre rules with two and three points on [0, 1], and weights.
 const TWO: [f64; 2] = [0.211_324_865_405_187_13, 0.788_675_134_594_812_9];
-const THREE: [(f64, f64); 3] = [
+pub(super) const THREE: [(f64, f64); 3] = [
     (0.112_701_665_379_258_3, 5.0 / 18.0),
     (0.5, 8.0 / 18.0),
     (0.887_298_334_620_741_7, 5.0 / 18.0),

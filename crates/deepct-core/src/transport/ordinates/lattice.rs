@@ -14,7 +14,7 @@ const NONE: u32 = u32::MAX;
 /// active and have a slot each.
 #[derive(Debug)]
 pub(super) struct Lattice {
-    /// Where the cells are.
+    /// Where the cells are: a block around all that is active.
     pub(super) grid: Grid,
     /// The sides.
     pub(super) boundary: Boundary,
@@ -64,11 +64,19 @@ impl Lattice {
             Interpolation::Constant => (*voxels, 1),
             Interpolation::Trilinear => (boxes(voxels, boundary), 8),
         };
+        let holds = |place: [usize; 3]| {
+            corners(voxels, place, corners_each).iter().any(|voxel| active(*voxel as usize))
+        };
+        // Between open sides nothing happens beyond the last active box.
+        let [first, shape] = bounds(&boxes, boundary, holds);
         let parts = DVec3::from_array(split.map(|n| n as f64));
         let [sx, sy, sz] = split;
-        let [nz, ny, nx] = boxes.shape;
-        let grid =
-            Grid { spacing: boxes.spacing / parts, shape: [nz * sz, ny * sy, nx * sx], ..boxes };
+        let start = DVec3::new(first[2] as f64, first[1] as f64, first[0] as f64);
+        let grid = Grid {
+            origin: boxes.origin + start * boxes.spacing,
+            spacing: boxes.spacing / parts,
+            shape: [shape[0] * sz, shape[1] * sy, shape[2] * sx],
+        };
         let mut lattice = Self {
             grid,
             boundary,
@@ -80,12 +88,12 @@ impl Lattice {
         };
         for (cell, slot) in lattice.slots.iter_mut().enumerate() {
             let [k, j, i] = index(&grid, cell);
-            let corners = corners(voxels, [k / sz, j / sy, i / sx], corners_each);
-            if corners.iter().any(|voxel| active(*voxel as usize)) {
+            let place = [first[0] + k / sz, first[1] + j / sy, first[2] + i / sx];
+            if holds(place) {
                 *slot = lattice.active.len() as u32;
                 let part = DVec3::new((i % sx) as f64, (j % sy) as f64, (k % sz) as f64);
                 lattice.active.push(Active { cell: cell as u32, offset: part / parts });
-                lattice.corners.extend(corners);
+                lattice.corners.extend(corners(voxels, place, corners_each));
             }
         }
         lattice
@@ -212,6 +220,32 @@ fn boxes(voxels: &Grid, boundary: Boundary) -> Grid {
         Boundary::Periodic => [nz - 1, ny, nx],
     };
     Grid { origin: voxels.origin + 0.5 * voxels.spacing, shape, ..*voxels }
+}
+
+/// The first box and the number of boxes along z, y, x of the smallest block that holds all
+/// active ones; between periodic sides all of a level. One box where none is active.
+fn bounds(
+    boxes: &Grid,
+    boundary: Boundary,
+    holds: impl Fn([usize; 3]) -> bool,
+) -> [[usize; 3]; 2] {
+    let mut ends: Option<[[usize; 3]; 2]> = None;
+    for place in (0..boxes.len()).map(|number| index(boxes, number)) {
+        if holds(place) {
+            let [first, last] = ends.unwrap_or([place; 2]);
+            ends = Some([
+                std::array::from_fn(|axis| first[axis].min(place[axis])),
+                std::array::from_fn(|axis| last[axis].max(place[axis])),
+            ]);
+        }
+    }
+    let [mut first, last] = ends.unwrap_or_default();
+    let mut shape = std::array::from_fn(|axis| last[axis] + 1 - first[axis]);
+    if boundary == Boundary::Periodic {
+        (first[1], first[2]) = (0, 0);
+        (shape[1], shape[2]) = (boxes.shape[1], boxes.shape[2]);
+    }
+    [first, shape]
 }
 
 /// The voxels at the first `count` corners of a box; those beyond the last are the first

@@ -18,6 +18,7 @@ mod lattice;
 mod optics;
 mod quadrature;
 mod settings;
+mod sky;
 mod surroundings;
 mod sweep;
 

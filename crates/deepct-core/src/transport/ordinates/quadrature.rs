@@ -84,7 +84,7 @@ impl Octant {
 
 /// The positive nodes and the weights of the Gauss-Legendre rule of an even number of
 /// points on [-1, 1], by Newton's method (Press et al. 2007, section 4.6).
-fn gauss_legendre(points: usize) -> Vec<(f64, f64)> {
+pub(super) fn gauss_legendre(points: usize) -> Vec<(f64, f64)> {
     let n = points as f64;
     (0..points / 2)
         .map(|number| {
