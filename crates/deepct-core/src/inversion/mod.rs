@@ -24,7 +24,6 @@ mod prior;
 mod run;
 mod scale;
 mod settings;
-mod surface;
 mod variables;
 
 pub use checkpoint::Checkpoint;

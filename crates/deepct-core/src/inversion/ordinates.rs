@@ -1,12 +1,11 @@
 //! The deterministic solver as the model of an inversion.
 
-use super::surface::SurfaceLight;
 use super::{ForwardModel, Models};
 use crate::error::Result;
 use crate::grid::{Grid, Mask, Volume};
 use crate::image::ViewStack;
 use crate::optics::Scattering;
-use crate::scene::{Scene, Surface, View};
+use crate::scene::{Scene, View};
 use crate::transport::{OrdinatesModel, OrdinatesSettings};
 use ndarray::Array3;
 
@@ -59,31 +58,18 @@ impl Models for OrdinatesModels {
         let mut scene = self.scene.clone();
         scene.medium.scattering = self.scattering(&mask.grid);
         scene.medium.extinction = Volume::constant(mask.grid, 0.0);
-        let surface = SurfaceLight::new(&scene, &self.views);
-        scene.surface = Surface { altitude: scene.surface.altitude, ..Surface::BLACK };
         let settings = if fine { &self.settings } else { &self.coarse_settings };
         let solver = OrdinatesModel::new(&scene, &self.views, Some(mask), settings)?;
-        Ok(Box::new(AboveSurface { solver, surface, extinction: scene.medium.extinction }))
+        Ok(Box::new(solver))
     }
 }
 
-/// The solver, and what is seen of the surface below it.
-struct AboveSurface {
-    solver: OrdinatesModel,
-    surface: SurfaceLight,
-    /// Extinction of the last images (1/km).
-    extinction: Volume,
-}
-
-impl ForwardModel for AboveSurface {
+impl ForwardModel for OrdinatesModel {
     fn images(&mut self, extinction: &Volume) -> Result<ViewStack> {
-        self.extinction = extinction.clone();
-        self.surface.add(extinction, self.solver.images(extinction)?)
+        Self::images(self, extinction)
     }
 
     fn gradient(&mut self, weights: &ViewStack) -> Result<Volume> {
-        let mut gradient = self.solver.gradient(weights)?;
-        self.surface.differentiate(&self.extinction, weights, &mut gradient);
-        Ok(gradient)
+        Self::gradient(self, weights)
     }
 }

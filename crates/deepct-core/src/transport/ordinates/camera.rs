@@ -5,7 +5,7 @@
 
 use super::beam::{Rays, spread_sun_depth, sun_depth};
 use super::quadrature::spherical_harmonics;
-use super::surroundings::{Outside, Surroundings};
+use super::surroundings::{BySurface, OnSurface, Outside, Surroundings};
 use crate::grid::Grid;
 use crate::math::{DVec3, Ray};
 use crate::scene::{Projection, View};
@@ -69,7 +69,7 @@ pub(super) struct Camera<'a> {
     pub(super) sun: DVec3,
     pub(super) sun_depths: &'a [[f32; 8]],
     pub(super) surroundings: &'a Surroundings,
-    pub(super) shadow_depths: &'a [f32],
+    pub(super) on_surface: OnSurface<'a>,
     /// Moments of radiance, `[slot][4][harmonic]`.
     pub(super) moments: &'a [f32],
     /// Number of rays along each side of a pixel.
@@ -83,9 +83,9 @@ pub(super) struct Camera<'a> {
 pub(super) struct Derivative {
     /// By the extinction of each voxel, at the radiance that there is.
     pub(super) extinction: Vec<f64>,
-    /// By the depths towards the Sun from the cells, and from the surface.
+    /// By the depths towards the Sun from the cells.
     pub(super) sun_depths: Vec<[f32; 8]>,
-    pub(super) shadow_depths: Vec<f64>,
+    pub(super) on_surface: BySurface,
     /// By the moments of radiance, all of which see the camera alike: by what is scattered
     /// towards it, mean and slopes.
     pub(super) scattered: Vec<[f32; 4]>,
@@ -164,7 +164,7 @@ impl Camera<'_> {
         for ray in self.pixel_rays(view, pixel) {
             let beyond = self.walk(ray, scattered, &mut points);
             let value = weight * beyond.transmittance;
-            self.surroundings.spread(&beyond.outside, value, &mut into.shadow_depths);
+            self.surroundings.spread(&beyond.outside, value, &mut into.on_surface);
             // Backwards: what is behind a point is weakened by it.
             let mut behind = beyond.transmittance * beyond.outside.radiance();
             for pair in points.chunks_exact(2).rev() {
@@ -251,14 +251,14 @@ impl Camera<'_> {
             }
         }
         let Some([enter, leave]) = inside else {
-            let outside = self.surroundings.outside(&ray, self.shadow_depths);
+            let outside = self.surroundings.outside(&ray, self.on_surface);
             return Beyond { before: 0.0, transmittance: 1.0, outside };
         };
         let behind = Ray { origin: ray.at(leave), ..ray };
         Beyond {
             before: self.surroundings.before(&ray, enter),
             transmittance: self.surroundings.transmittance(&ray, 0.0, leave) * (-depth).exp(),
-            outside: self.surroundings.outside(&behind, self.shadow_depths),
+            outside: self.surroundings.outside(&behind, self.on_surface),
         }
     }
 }
@@ -281,11 +281,14 @@ impl Point {
 
 impl Derivative {
     /// Nothing yet.
-    pub(super) fn new(voxels: usize, slots: usize, shadow: usize) -> Self {
+    pub(super) fn new(voxels: usize, slots: usize, on_surface: OnSurface) -> Self {
         Self {
             extinction: vec![0.0; voxels],
             sun_depths: vec![[0.0; 8]; slots],
-            shadow_depths: vec![0.0; shadow],
+            on_surface: BySurface {
+                shadow_depths: vec![0.0; on_surface.shadow_depths.len()],
+                irradiance: vec![0.0; on_surface.irradiance.len()],
+            },
             scattered: vec![[0.0; 4]; slots],
         }
     }

@@ -3,6 +3,8 @@
 use super::beam::{PARTS, add_all};
 use super::camera::Derivative;
 use super::diffuse::{Field, Origin, reverse};
+use super::quadrature::Octant;
+use super::sweep::Faces;
 use super::{OrdinatesModel, OrdinatesSettings, State};
 use crate::image::ViewStack;
 use rayon::prelude::*;
@@ -19,21 +21,23 @@ impl OrdinatesModel {
         reverse(&mut by_moments, count);
         let start = self.adjoint.clone().unwrap_or_else(|| transport.dark());
         let OrdinatesSettings { tolerance, most_sweeps, .. } = self.settings;
-        let backward = Origin { own: &by_moments, outside: &[] };
+        let thrown = self.thrown_on_surface(&derivative.on_surface.irradiance);
+        let backward = Origin { own: &by_moments, outside: &thrown, ..Origin::default() };
         let (adjoint, _) = transport.solve(backward, start, tolerance, most_sweeps);
 
         // What extinction does to light on its way, forwards and backwards.
-        let forward = Origin { own: &state.first, outside: &state.outside };
-        let (by_kept, leaving) =
+        let forward =
+            Origin { own: &state.first, outside: &state.outside, ..Origin::default() };
+        let (by_kept, mut leaving) =
             transport.by_extinction([(&state.field, forward), (&adjoint, backward)]);
         if !state.shadow_depths.is_empty() {
-            for (octant, leaving) in self.quadrature.octants.iter().zip(&leaving) {
+            for (octant, leaving) in self.quadrature.octants.iter().zip(&mut leaving) {
                 self.surroundings.spread_incoming(
                     &self.lattice,
                     octant,
                     &state.shadow_depths,
                     leaving,
-                    &mut derivative.shadow_depths,
+                    &mut derivative.on_surface,
                 );
             }
         }
@@ -61,11 +65,26 @@ impl OrdinatesModel {
                 *sum = cell(&reversed, m).iter().zip(&turned).map(|(a, b)| a * b).sum();
             }
         }
-        let Derivative { extinction, sun_depths, shadow_depths, .. } = &mut derivative;
-        self.surroundings.spread_shadow_depths(&rays, shadow_depths, extinction);
+        let Derivative { extinction, sun_depths, on_surface, .. } = &mut derivative;
+        self.surroundings.spread_shadow_depths(&rays, &on_surface.shadow_depths, extinction);
         rays.spread_stopped(&state.sun_depths, &by_stopped, extinction, sun_depths);
         rays.spread_sun_depths(self.scene.sun.towards(), sun_depths, extinction);
         (derivative.extinction, adjoint)
+    }
+
+    /// The adjoint radiance that comes in through the faces, by octant, because the cameras see
+    /// the cloud's light on the surface.
+    fn thrown_on_surface(&self, by_irradiance: &[f64]) -> Vec<Faces> {
+        if by_irradiance.is_empty() {
+            return Vec::new();
+        }
+        let irradiance = self.surroundings.as_irradiance(&self.lattice, by_irradiance);
+        let thrown = |octant: &Octant| {
+            let mut faces = Faces::dark(&self.lattice, octant);
+            self.surroundings.add_reflected(&self.lattice, octant, &irradiance, &mut faces);
+            faces
+        };
+        self.quadrature.octants.par_iter().map(thrown).collect()
     }
 
     /// The derivative of what the cameras see at a given radiance, and that by the moments
@@ -74,7 +93,7 @@ impl OrdinatesModel {
         let camera = self.camera(state);
         let nothing = || {
             let slots = self.lattice.len();
-            Derivative::new(state.extinction.len(), slots, state.shadow_depths.len())
+            Derivative::new(state.extinction.len(), slots, state.on_surface())
         };
         let slots = self.lattice.len();
         let count = self.quadrature.harmonics;
@@ -98,7 +117,9 @@ impl OrdinatesModel {
             let mut by_scattered = vec![[0.0_f32; 4]; slots];
             for part in parts {
                 add_all(&mut sum.extinction, std::slice::from_ref(&part.extinction));
-                add_all(&mut sum.shadow_depths, std::slice::from_ref(&part.shadow_depths));
+                let (into, part_of) = (&mut sum.on_surface, &part.on_surface);
+                add_all(&mut into.shadow_depths, std::slice::from_ref(&part_of.shadow_depths));
+                add_all(&mut into.irradiance, std::slice::from_ref(&part_of.irradiance));
                 add_rows(&mut sum.sun_depths, &part.sun_depths);
                 add_rows(&mut by_scattered, &part.scattered);
             }

@@ -3,6 +3,7 @@
 use super::beam::Rays;
 use super::lattice::Lattice;
 use super::quadrature::{Octant, Quadrature, degrees};
+use super::surroundings::Surroundings;
 use super::sweep::{Faces, Medium, Visit, add_moments, sweep};
 use crate::scene::Boundary;
 use pulp::Simd;
@@ -14,14 +15,16 @@ const TOGETHER: usize = 2;
 /// Directions kept by the iteration before it starts anew.
 const RESTART: usize = 8;
 
-/// The diffuse radiance: its moments in the active cells and, between periodic sides, what
-/// comes in through them.
+/// The diffuse radiance: its moments in the active cells, between periodic sides what comes
+/// in through them, and what falls on the surface.
 #[derive(Debug, Clone)]
 pub(super) struct Field {
     /// `[slot][4][harmonic]`.
     pub(super) moments: Vec<f32>,
     /// By octant; empty between open sides.
     sides: Vec<Faces>,
+    /// The irradiance of the surface by the cloud; empty where that reflects nothing.
+    pub(super) irradiance: Vec<f32>,
 }
 
 /// The linear problem: a medium without its forward peak.
@@ -29,6 +32,7 @@ pub(super) struct Field {
 pub(super) struct Transport<'a> {
     pub(super) rays: Rays<'a>,
     pub(super) quadrature: &'a Quadrature,
+    pub(super) surroundings: &'a Surroundings,
     /// Mean and slopes of the extinction of each active cell, with the peak.
     pub(super) whole: &'a [[f32; 4]],
     /// Without the peak.
@@ -36,12 +40,14 @@ pub(super) struct Transport<'a> {
 }
 
 /// Where radiance comes from, besides scattering.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Origin<'a> {
     /// The source in the cells, `[slot][4][harmonic]`.
     pub(super) own: &'a [f32],
     /// What comes in through the faces from outside, by octant; empty if nothing does.
     pub(super) outside: &'a [Faces],
+    /// What falls on the surface besides; empty if nothing does.
+    pub(super) irradiance: &'a [f32],
 }
 
 impl Transport<'_> {
@@ -63,17 +69,23 @@ impl Transport<'_> {
                 .map(|octant| only_sides(Faces::dark(self.lattice(), octant)))
                 .collect(),
         };
-        Field { moments: vec![0.0; self.lattice().len() * 4 * self.quadrature.harmonics], sides }
+        Field {
+            moments: vec![0.0; self.lattice().len() * 4 * self.quadrature.harmonics],
+            sides,
+            irradiance: vec![0.0; self.surroundings.lit_points()],
+        }
     }
 
     /// Faces of an octant with what comes in through them.
     fn incoming(&self, field: &Field, outside: &[Faces], number: usize, octant: &Octant) -> Faces {
         let outside = outside.get(number).cloned();
         let outside = outside.unwrap_or_else(|| Faces::dark(self.lattice(), octant));
-        match field.sides.get(number) {
+        let mut faces = match field.sides.get(number) {
             None => outside,
             Some(sides) => Faces { z: outside.z, ..sides.clone() },
-        }
+        };
+        self.surroundings.add_reflected(self.lattice(), octant, &field.irradiance, &mut faces);
+        faces
     }
 
     /// The light that moments of radiance scatter: a source by cell.
@@ -98,30 +110,36 @@ impl Transport<'_> {
         source
     }
 
-    /// The radiance of a source, with what came in through the sides; and what comes in
-    /// next.
-    fn sweep(&self, source: &[f32], outside: &[Faces], field: &Field) -> Field {
+    /// The radiance of a source, with what came in through the sides and from the surface;
+    /// and what comes in next.
+    fn sweep(&self, source: &[f32], origin: Origin, field: &Field) -> Field {
         let octants: Vec<(usize, &Octant)> = self.quadrature.octants.iter().enumerate().collect();
         let together = |octants: &[(usize, &Octant)]| {
             let mut moments = Moments { values: vec![0.0; source.len()] };
             let mut sides = Vec::new();
+            let mut irradiance = vec![0.0; field.irradiance.len()];
             for (number, octant) in octants {
-                let mut faces = self.incoming(field, outside, *number, octant);
+                let mut faces = self.incoming(field, origin.outside, *number, octant);
                 sweep(self.medium(), octant, source, &mut faces, &mut moments);
+                let opposite = &self.quadrature.octants[7 - number];
+                let lattice = self.lattice();
+                self.surroundings.add_irradiance(lattice, opposite, &mut faces, &mut irradiance);
                 if !field.sides.is_empty() {
                     sides.push(only_sides(faces));
                 }
             }
-            Field { moments: moments.values, sides }
+            let irradiance = irradiance.into_iter().map(|value| value as f32).collect();
+            Field { moments: moments.values, sides, irradiance }
         };
         let parts: Vec<Field> = octants.par_chunks(TOGETHER).map(together).collect();
         let mut parts = parts.into_iter();
         let mut whole = parts.next().expect("eight octants");
         for part in parts {
-            let pairs = whole.moments.par_iter_mut().zip(&part.moments);
-            pairs.for_each(|(sum, value)| *sum += value);
+            add_to(&mut whole.moments, &part.moments);
+            add_to(&mut whole.irradiance, &part.irradiance);
             whole.sides.extend(part.sides);
         }
+        add_to(&mut whole.irradiance, origin.irradiance);
         whole
     }
 
@@ -144,7 +162,7 @@ impl Transport<'_> {
     ) -> (Field, usize) {
         let mut sweeps = 0;
         loop {
-            let next = self.sweep(&self.source(&field, origin), origin.outside, &field);
+            let next = self.sweep(&self.source(&field, origin), origin, &field);
             sweeps += 1;
             let mut change = next.clone();
             change.add(-1.0, &field);
@@ -168,7 +186,8 @@ impl Transport<'_> {
         for number in 0..RESTART {
             let direction = &directions[number];
             let mut image = direction.clone();
-            image.add(-1.0, &self.sweep(&self.scatter(&direction.moments), &[], direction));
+            let scattered = self.scatter(&direction.moments);
+            image.add(-1.0, &self.sweep(&scattered, Origin::default(), direction));
             let mut column = Vec::new();
             for direction in &directions {
                 let along = image.dot(direction);
@@ -224,7 +243,7 @@ impl Transport<'_> {
                 sweep(self.medium(), octant, &sources[0], &mut faces, &mut radiance);
                 let opposite = 7 - number;
                 let other = &self.quadrature.octants[opposite];
-                let mut faces = self.incoming(adjoint, &[], opposite, other);
+                let mut faces = self.incoming(adjoint, adjoint_origin.outside, opposite, other);
                 let mut visit = Products { radiance: &radiance.values, sums: &mut products };
                 sweep(self.medium(), other, &sources[1], &mut faces, &mut visit);
                 leaving.push(faces);
@@ -242,6 +261,11 @@ impl Transport<'_> {
         }
         (sums, leaving)
     }
+}
+
+/// Add one array to another.
+fn add_to(sums: &mut [f32], values: &[f32]) {
+    sums.par_iter_mut().zip(values).for_each(|(sum, value)| *sum += value);
 }
 
 /// Only what leaves through the sides comes in again.
@@ -265,12 +289,12 @@ pub(super) fn reverse(moments: &mut [f32], harmonics: usize) {
 impl Field {
     fn parts(&self) -> impl Iterator<Item = &[f32]> {
         let sides = self.sides.iter().flat_map(|faces| [&faces.x[..], &faces.y[..]]);
-        std::iter::once(&self.moments[..]).chain(sides)
+        [&self.moments[..], &self.irradiance].into_iter().chain(sides)
     }
 
     fn parts_mut(&mut self) -> impl Iterator<Item = &mut [f32]> {
         let sides = self.sides.iter_mut().flat_map(|faces| [&mut faces.x[..], &mut faces.y[..]]);
-        std::iter::once(&mut self.moments[..]).chain(sides)
+        [&mut self.moments[..], &mut self.irradiance].into_iter().chain(sides)
     }
 
     fn dot(&self, other: &Self) -> f64 {

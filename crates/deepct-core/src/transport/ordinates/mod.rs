@@ -19,6 +19,7 @@ mod optics;
 mod quadrature;
 mod settings;
 mod sky;
+mod surface_points;
 mod surroundings;
 mod sweep;
 
@@ -39,7 +40,7 @@ use ndarray::Array3;
 use optics::Optics;
 use quadrature::{Octant, Quadrature, spherical_harmonics};
 use rayon::prelude::*;
-use surroundings::Surroundings;
+use surroundings::{OnSurface, Surroundings};
 use sweep::Faces;
 
 /// The most cells that a voxel is split into along an axis.
@@ -78,6 +79,12 @@ struct State {
     /// Light scattered for the first time, without the peak: `[slot][4][harmonic]`.
     first: Vec<f32>,
     field: Field,
+}
+
+impl State {
+    fn on_surface(&self) -> OnSurface<'_> {
+        OnSurface { shadow_depths: &self.shadow_depths, irradiance: &self.field.irradiance }
+    }
 }
 
 impl OrdinatesModel {
@@ -121,7 +128,7 @@ impl OrdinatesModel {
             tiles: all_tiles(views),
             settings: *settings,
             largest_extinction,
-            surroundings: Surroundings::new(scene, &lattice),
+            surroundings: Surroundings::new(scene, &lattice, &quadrature),
             lattice,
             optics,
             quadrature,
@@ -215,7 +222,7 @@ impl OrdinatesModel {
             sun: self.scene.sun.towards(),
             sun_depths: &state.sun_depths,
             surroundings: &self.surroundings,
-            shadow_depths: &state.shadow_depths,
+            on_surface: state.on_surface(),
             moments: &state.field.moments,
             rays_per_side: self.settings.rays_per_side,
             largest_extinction: self.largest_extinction,
@@ -228,7 +235,8 @@ impl OrdinatesModel {
         whole: &'a [[f32; 4]],
         kept: &'a [[f32; 4]],
     ) -> Transport<'a> {
-        Transport { rays, quadrature: &self.quadrature, whole, kept }
+        let Self { quadrature, surroundings, .. } = self;
+        Transport { rays, quadrature, surroundings, whole, kept }
     }
 
     /// What one slot scatters of the Sun's light in each harmonic, over what it stops.
@@ -277,7 +285,8 @@ impl OrdinatesModel {
         let start =
             self.state.as_ref().map_or_else(|| transport.dark(), |state| state.field.clone());
         let OrdinatesSettings { tolerance, most_sweeps, .. } = self.settings;
-        let origin = Origin { own: &first, outside: &outside };
+        let irradiance = surroundings.start();
+        let origin = Origin { own: &first, outside: &outside, irradiance };
         let (field, sweeps) = transport.solve(origin, start, tolerance, most_sweeps);
         self.sweeps = sweeps;
         self.state = Some(State {

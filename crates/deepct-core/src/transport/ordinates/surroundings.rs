@@ -1,82 +1,113 @@
-//! What comes from outside of the cells: sunlight from the surface, and from the air.
+//! What comes from outside of the cells: sunlight, from the air and from the surface, and
+//! the cloud's own light that the surface throws back.
 //!
-//! Sunlight is scattered once by air, without the cloud's shadow, and reflected once by the
-//! surface, with it. What the cloud throws on the surface or on the air around does not come
-//! back.
+//! The surface lies in the cloud's shadow and in its light. The latter is an unknown of the
+//! solution ([`super::diffuse`]): what leaves the cells downwards, less what would come
+//! without a cloud, is laid on points of the surface, from where it is reflected into all
+//! directions alike. Both ways have the same weights, so that either is the transpose of
+//! the other. What the cloud throws on the air around does not come back.
 
 use super::beam::{PARTS, Rays, add_all};
 use super::lattice::Lattice;
-use super::quadrature::Octant;
+use super::quadrature::{Octant, Quadrature};
+use super::sky::Sky;
+use super::surface_points::SurfacePoints;
 use super::sweep::Faces;
 use crate::math::{DVec3, Ray};
 use crate::scene::{Boundary, Scene, Surface};
-use crate::transport::air_column::AirColumn;
 use rayon::prelude::*;
+use std::f64::consts::PI;
+
+/// The cloud's light on the surface is blurred by its altitude: points as far apart as this
+/// share of it.
+const BLUR: f64 = 0.25;
+/// As far beside the cloud as this many times its altitude, its light is looked at.
+const REACH: f64 = 2.0;
 
 /// Air and surface under the Sun.
 #[derive(Debug)]
 pub(super) struct Surroundings {
-    air: AirColumn,
+    sky: Sky,
     surface: Surface,
     /// Towards the Sun.
     sun: DVec3,
-    shadow: Shadow,
+    /// Where the cloud's shadow is looked at, and where its light is.
+    shadow: SurfacePoints,
+    lit: SurfacePoints,
+    /// Irradiance of the surface by the air, that the cells leave to be subtracted.
+    unclouded: Vec<f32>,
 }
 
-/// Where the cloud's shadow on the surface is looked at: a regular lattice of points.
-#[derive(Debug)]
-struct Shadow {
-    origin: DVec3,
-    spacing: DVec3,
-    rows: usize,
-    cols: usize,
-    periodic: bool,
+/// What a cloud does to the surface.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct OnSurface<'a> {
+    /// Optical depths of the cloud towards the Sun.
+    pub(super) shadow_depths: &'a [f32],
+    /// Irradiance that it adds.
+    pub(super) irradiance: &'a [f32],
+}
+
+/// Derivatives by what a cloud does to the surface.
+#[derive(Debug, Clone)]
+pub(super) struct BySurface {
+    pub(super) shadow_depths: Vec<f64>,
+    pub(super) irradiance: Vec<f64>,
 }
 
 /// Light that comes along a ray from outside, for a Sun of unit irradiance.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Outside {
-    /// From the air.
+    /// From the air, and of the air from the surface.
     air: f64,
-    /// From the surface, through the air.
-    ground: f64,
+    /// Sunlight from the surface, through the air.
+    sunlight: f64,
+    /// Light of the cloud from the surface, and the share of its irradiance that is seen.
+    cloud: f64,
+    share: f64,
     /// Where on the surface.
     foot: DVec3,
 }
 
 impl Outside {
     pub(super) fn radiance(&self) -> f64 {
-        self.air + self.ground
+        self.air + self.sunlight + self.cloud
     }
 }
 
 impl Surroundings {
-    pub(super) fn new(scene: &Scene, lattice: &Lattice) -> Self {
+    pub(super) fn new(scene: &Scene, lattice: &Lattice, quadrature: &Quadrature) -> Self {
         let (sun, surface) = (scene.sun.towards(), scene.surface);
-        let air = AirColumn::new(scene.air.as_ref(), surface.altitude);
-        let shadow = Shadow::new(lattice, sun, surface.altitude);
-        Self { air, surface, sun, shadow }
+        let mut surroundings = Self {
+            sky: Sky::new(scene),
+            surface,
+            sun,
+            shadow: shadow_points(lattice, sun, surface.altitude),
+            lit: lit_points(lattice, surface.altitude),
+            unclouded: Vec::new(),
+        };
+        surroundings.unclouded = surroundings.unclouded(lattice, quadrature);
+        surroundings
     }
 
     /// Whether nothing comes from outside.
     pub(super) fn is_dark(&self) -> bool {
-        self.air.is_empty() && self.surface.is_black()
+        self.sky.is_empty() && self.surface.is_black()
     }
 
-    /// Optical depth of the air above an altitude (km).
-    fn air_above(&self, altitude: f64) -> f64 {
-        self.air.optical_depth(altitude, f64::INFINITY, 1.0)
+    /// Number of points where the cloud's light falls on the surface; none where that does
+    /// not reflect it.
+    pub(super) fn lit_points(&self) -> usize {
+        if self.surface.albedo == 0.0 { 0 } else { self.lit.len() }
     }
 
     /// Optical depth of the air on the way to the Sun.
     pub(super) fn sun_depth(&self, altitude: f64) -> f64 {
-        self.air_above(altitude) / self.sun.z
+        self.sky.above(altitude) / self.sun.z
     }
 
     /// Transmittance of the air between two points of a ray.
     pub(super) fn transmittance(&self, ray: &Ray, from: f64, to: f64) -> f64 {
-        let [from, to] = [from, to].map(|distance| ray.at(distance).z);
-        (-self.air.optical_depth(from, to, ray.direction.z).abs()).exp()
+        self.sky.transmittance(ray, from, to)
     }
 
     /// Optical depths of the cloud towards the Sun from the surface.
@@ -105,53 +136,56 @@ impl Surroundings {
     }
 
     /// What a ray sees that meets no more cloud.
-    pub(super) fn outside(&self, ray: &Ray, shadow_depths: &[f32]) -> Outside {
+    pub(super) fn outside(&self, ray: &Ray, on_surface: OnSurface) -> Outside {
         let rise = ray.direction.z;
-        let above = self.air_above(ray.origin.z);
+        let above = self.sky.above(ray.origin.z);
         if rise >= 0.0 {
-            return Outside { air: self.air_light(ray, above, 0.0), ..Outside::default() };
+            let air = self.sky.light(ray.direction, above, 0.0);
+            return Outside { air, ..Outside::default() };
         }
         let ground = self.surface.altitude;
-        let depth = self.air_above(ground);
-        let mut outside = Outside { air: self.air_light(ray, above, depth), ..Outside::default() };
-        if !self.surface.is_black() {
-            outside.foot = ray.at((ground - ray.origin.z) / rise);
-            let reflectance = self.surface.reflectance(-ray.direction, self.sun) * self.sun.z;
-            let air = depth / self.sun.z + (depth - above) / -rise;
-            let cloud = self.shadow.interpolate(shadow_depths, outside.foot);
-            outside.ground = reflectance * (-air - cloud).exp();
+        let depth = self.sky.above(ground);
+        let air = self.sky.light(ray.direction, above, depth);
+        if self.surface.is_black() {
+            return Outside { air, ..Outside::default() };
         }
-        outside
+        let foot = ray.at((ground - ray.origin.z) / rise);
+        let passed = ((depth - above) / rise).exp();
+        let reflectance = self.surface.reflectance(-ray.direction, self.sun) * self.sun.z;
+        let shade = depth / self.sun.z + self.shadow.interpolate(on_surface.shadow_depths, foot);
+        let share = self.surface.albedo / PI * passed;
+        let cloud = match on_surface.irradiance {
+            [] => 0.0,
+            irradiance => share * self.lit.interpolate(irradiance, foot),
+        };
+        Outside {
+            air: air + share * self.sky.irradiance,
+            sunlight: passed * reflectance * (-shade).exp(),
+            cloud,
+            share,
+            foot,
+        }
     }
 
-    /// Add what follows from the derivative by what comes from outside, by shadow depths.
-    pub(super) fn spread(&self, outside: &Outside, value: f64, by_shadow: &mut [f64]) {
-        if outside.ground != 0.0 {
-            self.shadow.spread(by_shadow, outside.foot, -value * outside.ground);
+    /// Add what follows from the derivative by what comes from outside.
+    pub(super) fn spread(&self, outside: &Outside, value: f64, into: &mut BySurface) {
+        if outside.sunlight != 0.0 {
+            let by_depth = -value * outside.sunlight;
+            self.shadow.spread(&mut into.shadow_depths, outside.foot, by_depth);
+        }
+        if outside.share != 0.0 {
+            self.lit.spread(&mut into.irradiance, outside.foot, value * outside.share);
         }
     }
 
-    /// Light that the air before a point of a ray scatters into it.
+    /// Light that the air before a point of a ray throws into it.
     pub(super) fn before(&self, ray: &Ray, end: f64) -> f64 {
-        self.air_light(ray, self.air_above(ray.origin.z), self.air_above(ray.at(end).z))
+        let [from, to] = [ray.origin.z, ray.at(end).z].map(|altitude| self.sky.above(altitude));
+        self.sky.light(ray.direction, from, to)
     }
 
-    /// Sunlight that is scattered once into a ray, between two depths of air above: the
-    /// integral of `exp(-u / sun) exp(-|u - from| / slope) / slope` over the depth u.
-    fn air_light(&self, ray: &Ray, from: f64, to: f64) -> f64 {
-        if self.air.is_empty() || ray.direction.z == 0.0 {
-            return 0.0;
-        }
-        let slope = ray.direction.z.abs();
-        let density = self.air.phase_function.density(ray.direction.dot(self.sun));
-        let (rate, span) = (1.0 / self.sun.z + (to - from).signum() / slope, to - from);
-        // The mean of exp(-rate t) over t from 0 to the span.
-        let x = -rate * span;
-        let mean = if x.abs() < 1e-9 { 1.0 } else { x.exp_m1() / x };
-        density / slope * (-from / self.sun.z).exp() * span.abs() * mean
-    }
-
-    /// What comes in through the faces of the grid in an octant, seen from their middles.
+    /// What comes in through the faces of the grid in an octant, seen from their middles,
+    /// but for the cloud's own light.
     pub(super) fn incoming(
         &self,
         lattice: &Lattice,
@@ -159,125 +193,194 @@ impl Surroundings {
         shadow_depths: &[f32],
     ) -> Faces {
         let mut faces = Faces::dark(lattice, octant);
-        self.each_face(lattice, octant, |axis, face, n, ray| {
-            let count = octant.ordinates;
-            let values = [&mut faces.x, &mut faces.y, &mut faces.z];
-            let radiance = self.outside(&ray, shadow_depths).radiance();
-            values.into_iter().nth(axis).expect("three axes")[face * 3 * count + n] =
-                radiance as f32;
+        let on_surface = OnSurface { shadow_depths, irradiance: &[] };
+        each_face(lattice, octant, |place, ray| {
+            *place.mean(&mut faces, octant) = self.outside(&ray, on_surface).radiance() as f32;
         });
         faces
     }
 
-    /// The transpose of the derivative of [`Surroundings::incoming`], from the adjoint
-    /// radiance that leaves through the same faces.
+    /// The transpose of the derivative of [`Surroundings::incoming`] by the shadow's depths,
+    /// from the adjoint radiance that leaves through the same faces.
     pub(super) fn spread_incoming(
         &self,
         lattice: &Lattice,
         octant: &Octant,
         shadow_depths: &[f32],
-        leaving: &Faces,
-        by_shadow: &mut [f64],
+        leaving: &mut Faces,
+        by_surface: &mut BySurface,
     ) {
+        if octant.signs[2] < 0.0 {
+            return;
+        }
         let spacing = lattice.grid.spacing;
-        self.each_face(lattice, octant, |axis, face, n, ray| {
-            let leaving = [&leaving.x, &leaving.y, &leaving.z][axis];
-            let adjoint = leaving[face * 3 * octant.ordinates + n] * octant.weights[n];
-            let streaming = f64::from(octant.cosines[axis][n]) / spacing[axis];
-            let outside = self.outside(&ray, shadow_depths);
-            self.spread(&outside, f64::from(adjoint) * streaming, by_shadow);
+        let on_surface = OnSurface { shadow_depths, irradiance: &[] };
+        each_face(lattice, octant, |place, ray| {
+            let FacePlace { axis, ordinate, .. } = place;
+            let adjoint = f64::from(*place.mean(leaving, octant) * octant.weights[ordinate]);
+            let streaming = f64::from(octant.cosines[axis][ordinate]) / spacing[axis];
+            let outside = Outside { share: 0.0, ..self.outside(&ray, on_surface) };
+            self.spread(&outside, adjoint * streaming, by_surface);
         });
     }
 
-    /// Call for each face that the light of an octant comes in through, and each ordinate:
-    /// with the axis, the number of the face, the ordinate, and the ray that looks out.
-    fn each_face(
+    /// Add the cloud's light that the surface reflects to what comes in through the faces in
+    /// an octant, from the irradiance by it.
+    pub(super) fn add_reflected(
         &self,
         lattice: &Lattice,
         octant: &Octant,
-        mut call: impl FnMut(usize, usize, usize, Ray),
+        irradiance: &[f32],
+        faces: &mut Faces,
     ) {
-        let (grid, signs) = (&lattice.grid, octant.signs.map(f64::from));
-        let [nz, ny, nx] = grid.shape;
-        let axes: &[usize] = if lattice.boundary == Boundary::Open { &[0, 1, 2] } else { &[2] };
-        for axis in axes {
-            let (rows, cols) = [(nz, ny), (nz, nx), (ny, nx)][*axis];
-            for face in 0..rows * cols {
-                let (row, col) = ((face / cols) as f64 + 0.5, (face % cols) as f64 + 0.5);
-                let far = if signs[*axis] > 0.0 { 0.0 } else { [nx, ny, nz][*axis] as f64 };
-                let place = match axis {
-                    0 => DVec3::new(far, col, row),
-                    1 => DVec3::new(col, far, row),
-                    _ => DVec3::new(col, row, far),
-                };
-                let origin = grid.origin + grid.spacing * place;
-                for n in 0..octant.ordinates {
-                    let component = |axis: usize| -signs[axis] * f64::from(octant.cosines[axis][n]);
-                    let direction = DVec3::new(component(0), component(1), component(2));
-                    call(*axis, face, n, Ray { origin, direction });
+        if irradiance.is_empty() || octant.signs[2] < 0.0 {
+            return;
+        }
+        each_face(lattice, octant, |place, ray| {
+            let (foot, passed) = self.foot(&ray);
+            let reflected = self.surface.albedo / PI * passed;
+            let light = reflected * self.lit.interpolate(irradiance, foot);
+            *place.mean(faces, octant) += light as f32;
+        });
+    }
+
+    /// Add the irradiance of the surface by what leaves the faces in an octant, of which
+    /// `opposite` is the opposite one.
+    pub(super) fn add_irradiance(
+        &self,
+        lattice: &Lattice,
+        opposite: &Octant,
+        leaving: &mut Faces,
+        irradiance: &mut [f64],
+    ) {
+        if irradiance.is_empty() || opposite.signs[2] < 0.0 {
+            return;
+        }
+        let spacing = lattice.grid.spacing;
+        let volume = spacing.x * spacing.y * spacing.z;
+        each_face(lattice, opposite, |place, ray| {
+            let FacePlace { axis, ordinate, .. } = place;
+            let (foot, passed) = self.foot(&ray);
+            let cosine = f64::from(opposite.cosines[axis][ordinate]);
+            let section = cosine * volume / spacing[axis] / self.lit.area();
+            let radiance =
+                f64::from(*place.mean(leaving, opposite) * opposite.weights[ordinate]);
+            self.lit.spread(irradiance, foot, section * passed * radiance);
+        });
+    }
+
+    /// The irradiance that acts on an adjoint radiance as a derivative by irradiance does.
+    pub(super) fn as_irradiance(&self, lattice: &Lattice, by_irradiance: &[f64]) -> Vec<f32> {
+        let spacing = lattice.grid.spacing;
+        let share = PI / self.surface.albedo * spacing.x * spacing.y * spacing.z / self.lit.area();
+        by_irradiance.iter().map(|value| (share * value) as f32).collect()
+    }
+
+    /// The irradiance to start from: what the cells take from the surface by being looked at
+    /// from below, where no cloud is.
+    pub(super) fn start(&self) -> &[f32] {
+        &self.unclouded
+    }
+
+    /// Minus the irradiance by the sky behind the cells.
+    fn unclouded(&self, lattice: &Lattice, quadrature: &Quadrature) -> Vec<f32> {
+        let mut sum = vec![0.0; self.lit_points()];
+        if !sum.is_empty() && !self.sky.is_empty() {
+            for (number, octant) in quadrature.octants.iter().enumerate() {
+                if octant.signs[2] > 0.0 {
+                    continue;
                 }
+                let opposite = &quadrature.octants[7 - number];
+                let mut leaving = Faces::dark(lattice, octant);
+                each_face(lattice, opposite, |place, ray| {
+                    let back = Ray { direction: -ray.direction, ..ray };
+                    let nothing = OnSurface { shadow_depths: &[], irradiance: &[] };
+                    let sky = self.outside(&back, nothing).radiance();
+                    *place.mean(&mut leaving, octant) = -sky as f32;
+                });
+                self.add_irradiance(lattice, opposite, &mut leaving, &mut sum);
+            }
+        }
+        sum.into_iter().map(|value| value as f32).collect()
+    }
+
+    /// Where a ray meets the surface, and how much of its light passes the air before.
+    #[inline]
+    fn foot(&self, ray: &Ray) -> (DVec3, f64) {
+        let distance = (self.surface.altitude - ray.origin.z) / ray.direction.z;
+        (ray.at(distance), self.sky.transmittance(ray, 0.0, distance))
+    }
+}
+
+/// A face of the grid, and a direction.
+#[derive(Debug, Clone, Copy)]
+struct FacePlace {
+    axis: usize,
+    face: usize,
+    ordinate: usize,
+}
+
+impl FacePlace {
+    /// The mean radiance through the face in the direction.
+    #[inline]
+    fn mean<'a>(&self, faces: &'a mut Faces, octant: &Octant) -> &'a mut f32 {
+        let values = match self.axis {
+            0 => &mut faces.x,
+            1 => &mut faces.y,
+            _ => &mut faces.z,
+        };
+        &mut values[self.face * 3 * octant.ordinates + self.ordinate]
+    }
+}
+
+/// Call for each face that the light of an octant comes in through, and each ordinate, with
+/// the ray that looks out.
+fn each_face(lattice: &Lattice, octant: &Octant, mut call: impl FnMut(FacePlace, Ray)) {
+    let (grid, signs) = (&lattice.grid, octant.signs.map(f64::from));
+    let [nz, ny, nx] = grid.shape;
+    let axes: &[usize] = if lattice.boundary == Boundary::Open { &[0, 1, 2] } else { &[2] };
+    for &axis in axes {
+        let (rows, cols) = [(nz, ny), (nz, nx), (ny, nx)][axis];
+        for face in 0..rows * cols {
+            let (row, col) = ((face / cols) as f64 + 0.5, (face % cols) as f64 + 0.5);
+            let far = if signs[axis] > 0.0 { 0.0 } else { [nx, ny, nz][axis] as f64 };
+            let place = match axis {
+                0 => DVec3::new(far, col, row),
+                1 => DVec3::new(col, far, row),
+                _ => DVec3::new(col, row, far),
+            };
+            let origin = grid.origin + grid.spacing * place;
+            for ordinate in 0..octant.ordinates {
+                let component =
+                    |axis: usize| -signs[axis] * f64::from(octant.cosines[axis][ordinate]);
+                let direction = DVec3::new(component(0), component(1), component(2));
+                call(FacePlace { axis, face, ordinate }, Ray { origin, direction });
             }
         }
     }
 }
 
-impl Shadow {
-    /// Points as dense as the cells, wherever the grid throws a shadow.
-    fn new(lattice: &Lattice, sun: DVec3, altitude: f64) -> Self {
-        let grid = &lattice.grid;
-        let periodic = lattice.boundary == Boundary::Periodic;
-        let fall = |z: f64| (altitude - z) / sun.z * sun;
-        let (mut lower, mut upper) = (grid.lower(), grid.upper());
-        if !periodic {
-            let falls = [fall(grid.lower().z), fall(grid.upper().z)];
-            lower += falls[0].min(falls[1]);
-            upper += falls[0].max(falls[1]);
-        }
-        let count = |axis: usize| {
-            let cells = ((upper[axis] - lower[axis]) / grid.spacing[axis]).round() as usize;
-            if periodic { cells.max(1) } else { cells + 1 }
-        };
-        let origin = DVec3::new(lower.x, lower.y, altitude);
-        Self { origin, spacing: grid.spacing, rows: count(1), cols: count(0), periodic }
+/// Points as dense as the cells, wherever the grid throws a shadow.
+fn shadow_points(lattice: &Lattice, sun: DVec3, altitude: f64) -> SurfacePoints {
+    let grid = &lattice.grid;
+    let periodic = lattice.boundary == Boundary::Periodic;
+    let fall = |z: f64| (altitude - z) / sun.z * sun;
+    let (mut lower, mut upper) = (grid.lower(), grid.upper());
+    if !periodic {
+        let falls = [fall(grid.lower().z), fall(grid.upper().z)];
+        lower += falls[0].min(falls[1]);
+        upper += falls[0].max(falls[1]);
     }
+    lower.z = altitude;
+    SurfacePoints::new(lower, upper, grid.spacing, periodic)
+}
 
-    fn len(&self) -> usize {
-        self.rows * self.cols
-    }
-
-    fn point(&self, number: usize) -> DVec3 {
-        let (row, col) = (number / self.cols, number % self.cols);
-        self.origin + self.spacing * DVec3::new(col as f64, row as f64, 0.0)
-    }
-
-    /// The four points around a place, and their weights; no weight beyond the lattice.
-    fn around(&self, foot: DVec3) -> [(usize, f64); 4] {
-        let at = (foot - self.origin) / self.spacing;
-        let along = |x: f64, count: usize| {
-            let (first, part) = (x.floor(), x - x.floor());
-            [(first, 1.0 - part), (first + 1.0, part)].map(|(index, weight)| {
-                let count = count as f64;
-                if self.periodic {
-                    (index.rem_euclid(count) as usize, weight)
-                } else if (0.0..count).contains(&index) {
-                    (index as usize, weight)
-                } else {
-                    (0, 0.0)
-                }
-            })
-        };
-        let (cols, rows) = (along(at.x, self.cols), along(at.y, self.rows));
-        [(0, 0), (0, 1), (1, 0), (1, 1)]
-            .map(|(row, col)| (rows[row].0 * self.cols + cols[col].0, rows[row].1 * cols[col].1))
-    }
-
-    fn interpolate(&self, depths: &[f32], foot: DVec3) -> f64 {
-        self.around(foot).map(|(point, weight)| weight * f64::from(depths[point])).iter().sum()
-    }
-
-    fn spread(&self, by_depth: &mut [f64], foot: DVec3, value: f64) {
-        for (point, weight) in self.around(foot) {
-            by_depth[point] += weight * value;
-        }
-    }
+/// Points below and around the grid, as dense as what falls there can be told apart.
+fn lit_points(lattice: &Lattice, altitude: f64) -> SurfacePoints {
+    let grid = &lattice.grid;
+    let periodic = lattice.boundary == Boundary::Periodic;
+    let wide = DVec3::splat(if periodic { 0.0 } else { REACH * (grid.upper().z - altitude) });
+    let wanted = grid.spacing.max(DVec3::splat(BLUR * (grid.lower().z - altitude)));
+    let lower = DVec3 { z: altitude, ..grid.lower() - wide };
+    SurfacePoints::new(lower, grid.upper() + wide, wanted, periodic)
 }

@@ -31,7 +31,7 @@ fn model(extinction: &Volume, interpolation: Interpolation, boundary: Boundary) 
     let phase = PhaseFunction::henyey_greenstein(0.85).unwrap();
     let medium = Medium::new(extinction.clone(), 0.98, phase).unwrap();
     let sun = Sun::from_degrees(30.0, 70.0).unwrap();
-    let surface = Surface { altitude: 0.2, ..Surface::lambertian(0.05) };
+    let surface = Surface { altitude: 0.2, ..Surface::lambertian(0.4) };
     let scene = Scene::new(medium.with_interpolation(interpolation), sun, surface).unwrap();
     let scene = scene.with_air(Air::new(0.672).unwrap());
     let view = |zenith, azimuth| {
@@ -123,15 +123,23 @@ fn derivatives_are_central_differences() {
     }
 }
 
-/// The view means against those of random paths, of the cloud alone: so small and uneven a
-/// cloud asks for fine angles, cells and rays.
+/// The view means against those of random paths, of the cloud alone, above a bright surface,
+/// and in air: so small and uneven a cloud asks for fine angles, cells and rays.
 #[test]
 fn images_are_those_of_random_paths() {
     let extinction = cloud(60.0);
-    for boundary in [Boundary::Open, Boundary::Periodic] {
+    let bright = Surface { altitude: 0.2, ..Surface::lambertian(0.4) };
+    let air = Some(Air::new(0.672).unwrap());
+    for (boundary, surface, air) in [
+        (Boundary::Open, Surface::BLACK, None),
+        (Boundary::Periodic, Surface::BLACK, None),
+        (Boundary::Open, bright, None),
+        (Boundary::Periodic, bright, None),
+        (Boundary::Open, bright, air),
+    ] {
         let OrdinatesModel { scene, views, .. } =
             model(&extinction, Interpolation::Constant, boundary);
-        let scene = Scene { surface: Surface::BLACK, air: None, ..scene };
+        let scene = Scene { surface, air, ..scene };
         let settings = OrdinatesSettings {
             rays_per_side: 8,
             cell_depth: 1.0,
@@ -150,7 +158,7 @@ fn images_are_those_of_random_paths() {
             let (found, expected) = (mean(&images), mean(&truth.images));
             assert!(
                 (found - expected).abs() < 0.01 * expected + 3.0 * noise,
-                "{boundary:?}, view {view}: {found} {expected} +- {noise}"
+                "{boundary:?} {surface:?} {air:?}, view {view}: {found} {expected} +- {noise}"
             );
         }
     }

@@ -1,0 +1,223 @@
+//! Clear air above the surface, under the Sun: what it scatters, once and again.
+//!
+//! Light that was scattered once is known in closed form. What is scattered more often, or
+//! comes from the surface, hardly depends on azimuth, and the second Legendre moment is the
+//! last of molecules: two numbers by altitude tell its source, found order by order (van de
+//! Hulst 1980, "Multiple light scattering", chapter 4).
+
+use super::beam::THREE;
+use super::quadrature::gauss_legendre;
+use crate::math::{DVec3, Ray};
+use crate::scene::Scene;
+use crate::transport::air_column::AirColumn;
+use std::f64::consts::PI;
+
+/// Levels of the source.
+const LEVELS: usize = 17;
+/// Zenith angles, up and down together.
+const ZENITH_ANGLES: usize = 32;
+/// The orders end when one changes the source by less than this share.
+const TOLERANCE: f64 = 1e-5;
+/// The most orders.
+const MOST_ORDERS: usize = 200;
+
+/// The air without a cloud, for a Sun of unit irradiance.
+#[derive(Debug)]
+pub(super) struct Sky {
+    air: AirColumn,
+    /// Towards the Sun.
+    sun: DVec3,
+    /// Optical depth of all air.
+    depth: f64,
+    /// Second Legendre moment of the phase function.
+    second: f64,
+    /// Source of light that was scattered or reflected before, at equal steps of depth from
+    /// the top: the mean, and the coefficient of the second Legendre polynomial of the cosine.
+    source: Vec<[f64; 2]>,
+    /// Irradiance of the surface by the air.
+    pub(super) irradiance: f64,
+}
+
+impl Sky {
+    /// The air of a scene, above its surface.
+    pub(super) fn new(scene: &Scene) -> Self {
+        let air = AirColumn::new(scene.air.as_ref(), scene.surface.altitude);
+        let depth = air.optical_depth(scene.surface.altitude, f64::INFINITY, 1.0);
+        let second = air.phase_function.legendre_moments(3)[2];
+        let source = vec![[0.0; 2]; LEVELS];
+        let mut sky = Self { air, sun: scene.sun.towards(), depth, second, source, irradiance: 0.0 };
+        if !sky.is_empty() {
+            sky.scatter_on(scene.surface.albedo);
+        }
+        sky
+    }
+
+    /// Whether there is no air.
+    pub(super) fn is_empty(&self) -> bool {
+        self.air.is_empty()
+    }
+
+    /// Optical depth of the air above an altitude (km).
+    pub(super) fn above(&self, altitude: f64) -> f64 {
+        self.air.optical_depth(altitude, f64::INFINITY, 1.0)
+    }
+
+    /// Transmittance of the air between two points of a ray.
+    pub(super) fn transmittance(&self, ray: &Ray, from: f64, to: f64) -> f64 {
+        let [from, to] = [from, to].map(|distance| ray.at(distance).z);
+        (-self.air.optical_depth(from, to, ray.direction.z).abs()).exp()
+    }
+
+    /// Light that the air throws into a ray, seen from one depth of air above and coming from
+    /// as far as another.
+    pub(super) fn light(&self, direction: DVec3, from: f64, to: f64) -> f64 {
+        if self.is_empty() || from == to {
+            return 0.0;
+        }
+        let slope = direction.z.abs().max(1e-9);
+        // Sunlight: the integral of exp(-u / sun) exp(-|u - from| / slope) / slope.
+        let density = self.air.phase_function.density(direction.dot(self.sun));
+        let (rate, span) = (1.0 / self.sun.z + (to - from).signum() / slope, to - from);
+        let x = -rate * span;
+        let mean = if x.abs() < 1e-9 { 1.0 } else { x.exp_m1() / x };
+        let once = density / slope * (-from / self.sun.z).exp() * span.abs() * mean;
+        // The rest, at points that are spread evenly in what they have still to pass.
+        let seen = -(-span.abs() / slope).exp_m1();
+        let more = THREE.map(|(place, weight)| {
+            let way = -slope * (-place * seen).ln_1p();
+            let [mean, tilt] = self.source_at(from + way.copysign(span));
+            weight * seen * (mean + tilt * second_polynomial(slope))
+        });
+        once + more.iter().sum::<f64>()
+    }
+
+    /// The source at a depth, linear between levels.
+    fn source_at(&self, depth: f64) -> [f64; 2] {
+        let place = (depth / self.depth).clamp(0.0, 1.0) * (LEVELS - 1) as f64;
+        let level = (place as usize).min(LEVELS - 2);
+        let part = place - level as f64;
+        let [before, after] = [self.source[level], self.source[level + 1]];
+        [0, 1].map(|m| (1.0 - part) * before[m] + part * after[m])
+    }
+
+    /// Scatter and reflect until nothing changes.
+    fn scatter_on(&mut self, albedo: f64) {
+        let step = self.depth / (LEVELS - 1) as f64;
+        let angles = gauss_legendre(ZENITH_ANGLES);
+        let sunlight: Vec<[f64; 2]> = (0..LEVELS)
+            .map(|level| {
+                let light = (-(level as f64) * step / self.sun.z).exp() / (4.0 * PI);
+                [light, light * 5.0 * self.second * second_polynomial(self.sun.z)]
+            })
+            .collect();
+        let direct = self.sun.z * (-self.depth / self.sun.z).exp();
+        for _ in 0..MOST_ORDERS {
+            let source = |level: usize, cosine: f64| {
+                let [a, b] = [self.source[level], sunlight[level]];
+                a[0] + b[0] + (a[1] + b[1]) * second_polynomial(cosine)
+            };
+            // Integrals of the radiance over the cosine, alone and with the polynomial.
+            let mut moments = vec![[0.0; 2]; LEVELS];
+            let mut irradiance = 0.0;
+            let mut pass = |cosine: f64, weight: f64, start: f64, order: &mut dyn Iterator<Item = usize>| {
+                let Step { kept, near, far } = Step::new(step / cosine);
+                let (mut radiance, mut before) = (start, None);
+                for level in order {
+                    if let Some(before) = before {
+                        radiance = kept * radiance
+                            + far * source(before, cosine)
+                            + near * source(level, cosine);
+                    }
+                    before = Some(level);
+                    moments[level][0] += weight * radiance;
+                    moments[level][1] += weight * radiance * second_polynomial(cosine);
+                }
+                radiance
+            };
+            for (cosine, weight) in &angles {
+                let radiance = pass(*cosine, *weight, 0.0, &mut (0..LEVELS));
+                irradiance += 2.0 * PI * weight * cosine * radiance;
+            }
+            let reflected = albedo / PI * (direct + irradiance);
+            for (cosine, weight) in &angles {
+                pass(*cosine, *weight, reflected, &mut (0..LEVELS).rev());
+            }
+            let mut change = 0.0_f64;
+            for (source, [mean, tilt]) in self.source.iter_mut().zip(moments) {
+                let next = [0.5 * mean, 2.5 * self.second * tilt];
+                change = change.max((next[0] - source[0]).abs() / next[0]);
+                *source = next;
+            }
+            self.irradiance = irradiance;
+            if change < TOLERANCE {
+                break;
+            }
+        }
+    }
+}
+
+/// What a step through a source that is linear along it leaves and adds.
+struct Step {
+    kept: f64,
+    near: f64,
+    far: f64,
+}
+
+impl Step {
+    fn new(depth: f64) -> Self {
+        let kept = (-depth).exp();
+        let mean = -(-depth).exp_m1() / depth;
+        Self { kept, near: 1.0 - mean, far: mean - kept }
+    }
+}
+
+fn second_polynomial(cosine: f64) -> f64 {
+    1.5 * cosine * cosine - 0.5
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::grid::{Grid, Volume};
+    use crate::optics::air::Air;
+    use crate::optics::{Medium, PhaseFunction};
+    use crate::scene::{Sun, Surface};
+    use crate::transport::{MonteCarloSettings, radiances};
+
+    /// Against random paths, up and down, near the horizon too, above a bright surface.
+    #[test]
+    fn the_sky_is_that_of_random_paths() {
+        let grid = Grid::new(DVec3::new(0.0, 0.0, 1.0), DVec3::splat(0.1), [2, 2, 2]).unwrap();
+        let phase = PhaseFunction::henyey_greenstein(0.85).unwrap();
+        let medium = Medium::new(Volume::constant(grid, 0.0), 1.0, phase).unwrap();
+        let sun = Sun::from_degrees(50.0, 45.0).unwrap();
+        for (wavelength, albedo) in [(0.672, 0.05), (0.45, 0.3)] {
+            let scene = Scene::new(medium.clone(), sun, Surface::lambertian(albedo)).unwrap();
+            let scene = scene.with_air(Air::new(wavelength).unwrap());
+            let sky = Sky::new(&scene);
+            let ground = albedo / PI
+                * (sky.irradiance + sky.sun.z * (-sky.depth / sky.sun.z).exp());
+            let from = sky.above(0.5);
+            for (rise, azimuth) in
+                [(0.9, 0.7), (0.4, 3.0), (0.07, 2.0), (-0.07, 1.0), (-0.4, 4.0), (-1.0, 0.0)]
+            {
+                let flat = f64::sqrt(1.0 - rise * rise);
+                let direction = DVec3::new(flat * f64::sin(azimuth), flat * f64::cos(azimuth), rise);
+                let ray = Ray { origin: DVec3::new(-3.0, 0.0, 0.5), direction };
+                let settings = MonteCarloSettings { samples_per_pixel: 30_000, ..Default::default() };
+                let expected = radiances(&scene, &[ray], &settings).unwrap()[0];
+                let found = if rise > 0.0 {
+                    sky.light(direction, from, 0.0)
+                } else {
+                    let passed = ((sky.depth - from) / rise).exp();
+                    sky.light(direction, from, sky.depth) + ground * passed
+                };
+                let error = (found - expected.mean).abs();
+                assert!(
+                    error < 3.5 * expected.standard_error + 3e-3 * expected.mean,
+                    "{wavelength} {rise}: {found} {expected:?}"
+                );
+            }
+        }
+    }
+}

@@ -1,0 +1,76 @@
+//! Points of the surface below, where the cloud's shadow and its light are looked at.
+
+use crate::math::DVec3;
+
+/// A regular lattice of points on the surface; between periodic sides it has no end.
+#[derive(Debug)]
+pub(super) struct SurfacePoints {
+    origin: DVec3,
+    spacing: DVec3,
+    rows: usize,
+    cols: usize,
+    periodic: bool,
+}
+
+impl SurfacePoints {
+    /// Points that cover a rectangle, about as far from each other as wanted along x and y;
+    /// a periodic lattice has the rectangle as its period.
+    pub(super) fn new(lower: DVec3, upper: DVec3, wanted: DVec3, periodic: bool) -> Self {
+        let steps = ((upper - lower) / wanted).round().max(DVec3::ONE);
+        let spacing = DVec3 { z: 0.0, ..(upper - lower) / steps };
+        let count = |steps: f64| steps as usize + usize::from(!periodic);
+        Self { origin: lower, spacing, rows: count(steps.y), cols: count(steps.x), periodic }
+    }
+
+    /// Number of points.
+    pub(super) fn len(&self) -> usize {
+        self.rows * self.cols
+    }
+
+    /// Area of the surface by point (km2).
+    pub(super) fn area(&self) -> f64 {
+        self.spacing.x * self.spacing.y
+    }
+
+    /// Where a point is (km).
+    pub(super) fn point(&self, number: usize) -> DVec3 {
+        let (row, col) = (number / self.cols, number % self.cols);
+        self.origin + self.spacing * DVec3::new(col as f64, row as f64, 0.0)
+    }
+
+    /// The four points around a place, and their weights; no weight beyond the lattice.
+    #[inline]
+    fn around(&self, place: DVec3) -> [(usize, f64); 4] {
+        let along = |axis: usize, count: usize| {
+            let x = (place[axis] - self.origin[axis]) / self.spacing[axis];
+            let (first, part) = (x.floor(), x - x.floor());
+            [(first, 1.0 - part), (first + 1.0, part)].map(|(index, weight)| {
+                let count = count as f64;
+                if self.periodic {
+                    (index.rem_euclid(count) as usize, weight)
+                } else if (0.0..count).contains(&index) {
+                    (index as usize, weight)
+                } else {
+                    (0, 0.0)
+                }
+            })
+        };
+        let (cols, rows) = (along(0, self.cols), along(1, self.rows));
+        [(0, 0), (0, 1), (1, 0), (1, 1)]
+            .map(|(row, col)| (rows[row].0 * self.cols + cols[col].0, rows[row].1 * cols[col].1))
+    }
+
+    /// A quantity of the points at a place; nothing beyond the lattice.
+    #[inline]
+    pub(super) fn interpolate(&self, values: &[f32], place: DVec3) -> f64 {
+        self.around(place).map(|(point, weight)| weight * f64::from(values[point])).iter().sum()
+    }
+
+    /// The transpose of [`SurfacePoints::interpolate`].
+    #[inline]
+    pub(super) fn spread(&self, into: &mut [f64], place: DVec3, value: f64) {
+        for (point, weight) in self.around(place) {
+            into[point] += weight * value;
+        }
+    }
+}
