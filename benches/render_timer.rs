@@ -34,7 +34,11 @@ fn main() -> Result<(), AnyError> {
     let start = Instant::now();
     let rendering = render(&scene, &[view], &solver, &())?;
     let seconds = start.elapsed().as_secs_f64();
-    let values = rendering.images.values.iter().chain(&rendering.standard_error.as_ref().expect("random paths").values);
+    let values = rendering
+        .images
+        .values
+        .iter()
+        .chain(&rendering.standard_error.as_ref().expect("random paths").values);
     let bytes: Vec<u8> = values.flat_map(|value| f64::from(*value).to_le_bytes()).collect();
     std::fs::write(output, bytes)?;
     println!("[{seconds}, {}, {}]", view.rows, view.cols);

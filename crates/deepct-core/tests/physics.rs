@@ -72,7 +72,8 @@ fn mean(rendering: &Rendering, view: usize) -> Radiance {
     let count = image.len() as f64;
     Radiance {
         mean: sum(1, image) / count,
-        standard_error: sum(2, rendering.standard_error.as_ref().unwrap().image(view)).sqrt() / count,
+        standard_error: sum(2, rendering.standard_error.as_ref().unwrap().image(view)).sqrt()
+            / count,
     }
 }
 

@@ -1,8 +1,8 @@
 use crate::program::Program;
 
-const SETTINGS: &str = "formation = \"cloudct-10\"\nsimilarity_after = 2\ncolumns = 24\n\
+const SETTINGS: &str = "formation = \"cloudct-10\"\ncolumns = 24\n\
     [[sources]]\nfile = \"field.nc\"\nsplit = \"train\"\nfirst = 0\nlast = 0\nevery = 1\n\
-    clouds = 2\nsamples_per_pixel = 4\n";
+    clouds = 2\n";
 
 /// A program with the settings of a data set and the field that it is made of.
 fn program() -> Program {

@@ -1,18 +1,20 @@
 //! The making of a data set: snapshot by snapshot, cloud by cloud, resumable.
 
 use super::{DatasetSettings, FORMAT, Manifest, Sample, Source};
-use crate::cloud::{self, Cloud, IsolateSettings, Isolated};
+use crate::cloud::{self, Cloud, IsolateSettings, Isolated, Microphysics};
 use crate::error::{Error, Result};
 use crate::grid::Grid;
 use crate::io::import::{ImportSettings, import_cloud};
 use crate::io::{self, Provenance};
 use crate::math::DVec3;
-use crate::optics::{self, Medium};
+use crate::optics::air::Air;
+use crate::optics::{self, DropletSettings, DropletTable, Medium};
 use crate::rng::{Purpose, RngExt, stream};
 use crate::scene::{Observation, Scene, Sun, Surface, View, view_geometry};
-use crate::transport::{self, MonteCarloSettings, Solver};
+use crate::transport::{self, Solver};
 use sha2::{Digest, Sha256};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 /// How far the making of a data set has come.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -68,6 +70,8 @@ struct Workshop<'a> {
     folder: &'a Path,
     sun: Sun,
     surface: Surface,
+    air: Option<Air>,
+    droplets: Arc<DropletTable>,
     grid: Grid,
     views: Vec<View>,
 }
@@ -78,6 +82,14 @@ impl<'a> Workshop<'a> {
         simulations: &'a Path,
         folder: &'a Path,
     ) -> Result<Self> {
+        let [least, most] = settings.droplets_per_cm3;
+        if !(least > 0.0 && least <= most && most.is_finite()) {
+            let found = format!("[{least}, {most}]");
+            return Err(Error::out_of_range("droplets_per_cm3", found, "positive, least first"));
+        }
+        if !(settings.water_share > 0.0 && settings.water_share.is_finite()) {
+            return Err(Error::out_of_range("water_share", settings.water_share, "positive"));
+        }
         if let Some(source) = settings.sources.iter().find(|source| source.every == 0) {
             let name = source.file.display();
             return Err(Error::out_of_range("every", format!("0 for {name}"), "at least 1"));
@@ -108,6 +120,8 @@ impl<'a> Workshop<'a> {
             folder,
             sun: Sun::from_degrees(settings.sun_zenith_deg, settings.sun_azimuth_deg)?,
             surface: Surface::lambertian(settings.surface_albedo),
+            air: if settings.air { Some(Air::new(settings.wavelength)?) } else { None },
+            droplets: Arc::new(DropletTable::of(&DropletSettings::water(settings.wavelength))?),
             grid,
             views: settings.formation()?.views(grid.center(), [columns, columns])?,
         };
@@ -135,7 +149,7 @@ impl<'a> Workshop<'a> {
     fn field(&self, source: &Source, snapshot: usize) -> Result<Cloud> {
         let settings = ImportSettings {
             time: snapshot,
-            droplets_per_cm3: Some(self.settings.droplets_per_cm3),
+            droplets_per_cm3: Some(self.settings.droplets_per_cm3[0]),
             spacing: Some(self.grid.spacing),
             base: Some(self.settings.levels.bottom_km),
             levels: Some(self.settings.levels.count),
@@ -175,10 +189,13 @@ impl<'a> Workshop<'a> {
         let path = self.folder.join(&file);
         let missing = !path.exists();
         if missing {
-            let cloud = Cloud { grid: self.grid, ..isolated.cloud.clone() };
             let key = [number as u64, snapshot as u64, row as u64, col as u64];
-            let seed = stream(self.settings.seed, Purpose::Dataset, &key).random();
-            self.make(&cloud, &path, source.samples_per_pixel, seed)?;
+            let mut rng = stream(self.settings.seed, Purpose::Dataset, &key);
+            let [least, most] = self.settings.droplets_per_cm3;
+            let droplets_per_cm3 = least * (most / least).powf(rng.random::<f64>());
+            let cloud = self.seed_droplets(&isolated.cloud, droplets_per_cm3);
+            let cloud = cloud.map_err(Error::in_file(&self.simulations.join(&source.file)))?;
+            self.make(&cloud, &path)?;
         }
         let sample = Sample {
             sha256: sha256(&path)?,
@@ -191,20 +208,27 @@ impl<'a> Workshop<'a> {
         Ok((sample, missing))
     }
 
+    /// The cloud on the grid of the samples, its water in so many droplets.
+    fn seed_droplets(&self, cloud: &Cloud, droplets_per_cm3: f64) -> Result<Cloud> {
+        let Some(droplets) = &cloud.microphysics else {
+            return Err(Error::out_of_range("liquid water content", "missing", "in a cloud"));
+        };
+        let water = &droplets.liquid_water_content * self.settings.water_share;
+        let droplets = Microphysics::from_droplet_number(water, droplets_per_cm3)?;
+        Cloud::from_microphysics(self.grid, droplets)
+    }
+
     /// Render one cloud and write the sample.
-    fn make(&self, cloud: &Cloud, path: &Path, samples_per_pixel: u32, seed: u64) -> Result<()> {
-        let truth = optics::extinction(cloud)?;
-        let scene = Scene::new(Medium::from_cloud(cloud)?, self.sun, self.surface)?;
-        let solver = Solver::MonteCarlo(MonteCarloSettings {
-            samples_per_pixel,
-            similarity_after: self.settings.similarity_after,
-            seed,
-            noise: None,
-        });
-        let rendering = transport::render(&scene, &self.views, &solver, &())?;
-        let mut observation = Observation::new(self.sun, self.views.clone(), rendering.images)?;
-        observation.standard_error = rendering.standard_error;
+    fn make(&self, cloud: &Cloud, path: &Path) -> Result<()> {
+        let truth = optics::droplet_extinction(cloud, &self.droplets)?;
+        let medium = Medium::from_droplets(cloud, Arc::clone(&self.droplets))?;
+        let scene = Scene { air: self.air, ..Scene::new(medium, self.sun, self.surface)? };
+        let solver = Solver::Ordinates(self.settings.solver.resolve());
+        let images = transport::render(&scene, &self.views, &solver, &())?.images;
+        let mut observation = Observation::new(self.sun, self.views.clone(), images)?;
+        observation.wavelength = self.settings.wavelength;
         let configuration = serde_json::to_string(self.settings).unwrap_or_default();
+        let seed = self.settings.seed;
         let provenance =
             Provenance { title: "deepct dataset generate".into(), configuration, seed };
         io::write_sample(path, &truth, &observation, &provenance)

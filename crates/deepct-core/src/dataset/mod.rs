@@ -1,8 +1,8 @@
 //! Data sets for training: what is in them, and how they are made and resumed.
 //!
 //! A data set is a folder: `manifest.json` and one file per sample under `samples/`,
-//! each with the truth (`extinction`) and what a formation sees of it (`radiance`,
-//! without sensor noise: that is drawn anew each time a sample is used).
+//! each with the truth (`extinction`) and what a formation sees of it (`radiance`, by the
+//! deterministic solver, without sensor noise: that is drawn anew each time a sample is used).
 //! Every sample is one isolated cloud of a large-eddy simulation. The sets are split
 //! by time, so that no cloud stands in two of them.
 
@@ -16,6 +16,7 @@ use crate::error::{Error, Result};
 use crate::image::ViewGeometry;
 use crate::network::Levels;
 use crate::scene::Formation;
+use crate::transport::OrdinatesSettings;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
@@ -26,21 +27,27 @@ pub const FORMAT: &str = "deepct-dataset 1";
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DatasetSettings {
-    /// Seed of the choice of clouds and of the light paths.
+    /// Seed of the choice of clouds and of their droplet numbers.
     pub seed: u64,
     /// Name of the formation that looks at the clouds.
     pub formation: String,
-    /// Scattering orders before the similarity-scaled medium takes over; never, if
-    /// absent.
-    pub similarity_after: Option<u32>,
     /// Angle between +z and the Sun (degrees).
     pub sun_zenith_deg: f64,
     /// Azimuth towards the Sun, clockwise from north (degrees).
     pub sun_azimuth_deg: f64,
+    /// Wavelength (um): of the droplets' Mie scattering and of the air.
+    pub wavelength: f64,
     /// Albedo of the surface, at altitude 0.
     pub surface_albedo: f64,
-    /// Droplet number concentration (1/cm3), from which effective radii follow.
-    pub droplets_per_cm3: f64,
+    /// Whether there is air.
+    pub air: bool,
+    /// Least and largest droplet number concentration (1/cm3), from which effective radii
+    /// follow: that of each cloud is drawn from between them, evenly in its logarithm.
+    pub droplets_per_cm3: [f64; 2],
+    /// Share of the liquid water that is kept: 1 is all of it.
+    pub water_share: f32,
+    /// How the light is computed.
+    pub solver: SolverSettings,
     /// Columns of a sample along x and along y.
     pub columns: usize,
     /// Side of a column (km).
@@ -71,9 +78,20 @@ pub struct Source {
     pub every: usize,
     /// The most clouds taken of one snapshot, drawn at random.
     pub clouds: usize,
-    /// Light paths per pixel: few do for training, where their noise is one more that
-    /// the network learns to bear.
-    pub samples_per_pixel: u32,
+}
+
+/// The settings of the deterministic solver that a data set is computed with.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SolverSettings {
+    /// See [`OrdinatesSettings::zenith_angles`].
+    pub zenith_angles: usize,
+    /// See [`OrdinatesSettings::tolerance`].
+    pub tolerance: f64,
+    /// See [`OrdinatesSettings::cell_depth`].
+    pub cell_depth: f64,
+    /// See [`OrdinatesSettings::most_parts`].
+    pub most_parts: usize,
 }
 
 /// The set that a sample belongs to.
@@ -129,6 +147,13 @@ pub struct Manifest {
     pub configuration: DatasetSettings,
     /// The samples, sorted by file.
     pub samples: Vec<Sample>,
+}
+
+impl SolverSettings {
+    pub(super) fn resolve(self) -> OrdinatesSettings {
+        let Self { zenith_angles, tolerance, cell_depth, most_parts } = self;
+        OrdinatesSettings { zenith_angles, tolerance, cell_depth, most_parts, ..Default::default() }
+    }
 }
 
 impl DatasetSettings {
@@ -218,11 +243,19 @@ mod tests {
         DatasetSettings {
             seed: 5,
             formation: "cloudct-10".into(),
-            similarity_after: Some(2),
             sun_zenith_deg: 30.0,
             sun_azimuth_deg: 45.0,
+            wavelength: 0.672,
             surface_albedo: 0.05,
-            droplets_per_cm3: 100.0,
+            air: true,
+            droplets_per_cm3: [100.0, 100.0],
+            water_share: 1.0,
+            solver: SolverSettings {
+                zenith_angles: 4,
+                tolerance: 1e-2,
+                cell_depth: 10.0,
+                most_parts: 1,
+            },
             columns: 12,
             column_km: 0.05,
             levels: Levels { bottom_km: 0.48, count: 6, spacing_km: 0.04 },
@@ -235,7 +268,6 @@ mod tests {
                 last: 0,
                 every: 1,
                 clouds: 9,
-                samples_per_pixel: 4,
             }],
         }
     }
@@ -256,8 +288,11 @@ mod tests {
         };
         let radius = f64::from(crate::cloud::effective_radius(0.5, 100.0));
         for (sample, voxels) in manifest.samples.iter().zip([48.0, 90.0]) {
-            let expected = voxels * 1500.0 * 0.5 / radius;
-            assert!((extinction(sample) / expected - 1.0).abs() < 1e-5);
+            // Twice the cross-section, and what waves bend around the edge (Nussenzveig and
+            // Wiscombe 1980).
+            let edge = 0.9962 * (2.0 * std::f64::consts::PI * radius / 0.672).powf(-2.0 / 3.0);
+            let expected = voxels * 1500.0 * 0.5 / radius * (1.0 + edge);
+            assert!((extinction(sample) / expected - 1.0).abs() < 5e-3);
         }
 
         // Again: nothing is made; one lost: it comes back as it was.

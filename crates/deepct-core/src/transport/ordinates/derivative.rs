@@ -26,8 +26,7 @@ impl OrdinatesModel {
         let (adjoint, _) = transport.solve(backward, start, tolerance, most_sweeps);
 
         // What extinction does to light on its way, forwards and backwards.
-        let forward =
-            Origin { own: &state.first, outside: &state.outside, ..Origin::default() };
+        let forward = Origin { own: &state.first, outside: &state.outside, ..Origin::default() };
         let (by_kept, mut leaving) =
             transport.by_extinction([(&state.field, forward), (&adjoint, backward)]);
         if !state.shadow_depths.is_empty() {

@@ -224,11 +224,7 @@ fn boxes(voxels: &Grid, boundary: Boundary) -> Grid {
 
 /// The first box and the number of boxes along z, y, x of the smallest block that holds all
 /// active ones; between periodic sides all of a level. One box where none is active.
-fn bounds(
-    boxes: &Grid,
-    boundary: Boundary,
-    holds: impl Fn([usize; 3]) -> bool,
-) -> [[usize; 3]; 2] {
+fn bounds(boxes: &Grid, boundary: Boundary, holds: impl Fn([usize; 3]) -> bool) -> [[usize; 3]; 2] {
     let mut ends: Option<[[usize; 3]; 2]> = None;
     for place in (0..boxes.len()).map(|number| index(boxes, number)) {
         if holds(place) {

@@ -43,9 +43,6 @@ use rayon::prelude::*;
 use surroundings::{OnSurface, Surroundings};
 use sweep::Faces;
 
-/// The most cells that a voxel is split into along an axis.
-const MOST_PARTS: f64 = 4.0;
-
 /// The images of one scene by the same views for any extinction, and their derivatives.
 /// Each solution starts from the one before.
 #[derive(Debug)]
@@ -310,7 +307,8 @@ fn all_tiles(views: &[View]) -> Vec<Tile> {
 fn split(medium: &Medium, largest: f64, settings: &OrdinatesSettings) -> [usize; 3] {
     let kept = optics::kept(&medium.scattering, settings.zenith_angles);
     let parts = kept * largest * medium.extinction.grid.spacing / settings.cell_depth;
-    parts.ceil().clamp(DVec3::ONE, DVec3::splat(MOST_PARTS)).to_array().map(|n| n as usize)
+    let most = DVec3::splat(settings.most_parts as f64);
+    parts.ceil().clamp(DVec3::ONE, most).to_array().map(|n| n as usize)
 }
 
 fn standard(values: &Array3<f32>) -> Vec<f32> {

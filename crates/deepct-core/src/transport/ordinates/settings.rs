@@ -17,6 +17,8 @@ pub struct OrdinatesSettings {
     /// Voxels are split until no cell is thicker than this along an axis (optical depth
     /// without the forward peak).
     pub cell_depth: f64,
+    /// The most cells that a voxel is split into along an axis.
+    pub most_parts: usize,
     /// The largest extinction to be prepared for (1/km); `None` is that of the scene.
     pub largest_extinction: Option<f64>,
 }
@@ -29,6 +31,7 @@ impl Default for OrdinatesSettings {
             most_sweeps: 200,
             rays_per_side: 2,
             cell_depth: 2.5,
+            most_parts: 4,
             largest_extinction: None,
         }
     }
@@ -56,9 +59,11 @@ impl OrdinatesSettings {
         if !(self.tolerance > 0.0 && self.tolerance < 1.0) {
             return Err(Error::out_of_range("tolerance", self.tolerance, "between 0 and 1"));
         }
-        for (what, value) in
-            [("most sweeps", self.most_sweeps), ("rays along a side", self.rays_per_side)]
-        {
+        for (what, value) in [
+            ("most sweeps", self.most_sweeps),
+            ("rays along a side", self.rays_per_side),
+            ("most parts of a voxel", self.most_parts),
+        ] {
             if value == 0 {
                 return Err(Error::out_of_range(what, 0, "at least 1"));
             }

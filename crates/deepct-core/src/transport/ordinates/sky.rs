@@ -45,7 +45,8 @@ impl Sky {
         let depth = air.optical_depth(scene.surface.altitude, f64::INFINITY, 1.0);
         let second = air.phase_function.legendre_moments(3)[2];
         let source = vec![[0.0; 2]; LEVELS];
-        let mut sky = Self { air, sun: scene.sun.towards(), depth, second, source, irradiance: 0.0 };
+        let mut sky =
+            Self { air, sun: scene.sun.towards(), depth, second, source, irradiance: 0.0 };
         if !sky.is_empty() {
             sky.scatter_on(scene.surface.albedo);
         }
@@ -119,21 +120,22 @@ impl Sky {
             // Integrals of the radiance over the cosine, alone and with the polynomial.
             let mut moments = vec![[0.0; 2]; LEVELS];
             let mut irradiance = 0.0;
-            let mut pass = |cosine: f64, weight: f64, start: f64, order: &mut dyn Iterator<Item = usize>| {
-                let Step { kept, near, far } = Step::new(step / cosine);
-                let (mut radiance, mut before) = (start, None);
-                for level in order {
-                    if let Some(before) = before {
-                        radiance = kept * radiance
-                            + far * source(before, cosine)
-                            + near * source(level, cosine);
+            let mut pass =
+                |cosine: f64, weight: f64, start: f64, order: &mut dyn Iterator<Item = usize>| {
+                    let Step { kept, near, far } = Step::new(step / cosine);
+                    let (mut radiance, mut before) = (start, None);
+                    for level in order {
+                        if let Some(before) = before {
+                            radiance = kept * radiance
+                                + far * source(before, cosine)
+                                + near * source(level, cosine);
+                        }
+                        before = Some(level);
+                        moments[level][0] += weight * radiance;
+                        moments[level][1] += weight * radiance * second_polynomial(cosine);
                     }
-                    before = Some(level);
-                    moments[level][0] += weight * radiance;
-                    moments[level][1] += weight * radiance * second_polynomial(cosine);
-                }
-                radiance
-            };
+                    radiance
+                };
             for (cosine, weight) in &angles {
                 let radiance = pass(*cosine, *weight, 0.0, &mut (0..LEVELS));
                 irradiance += 2.0 * PI * weight * cosine * radiance;
@@ -195,16 +197,18 @@ mod tests {
             let scene = Scene::new(medium.clone(), sun, Surface::lambertian(albedo)).unwrap();
             let scene = scene.with_air(Air::new(wavelength).unwrap());
             let sky = Sky::new(&scene);
-            let ground = albedo / PI
-                * (sky.irradiance + sky.sun.z * (-sky.depth / sky.sun.z).exp());
+            let ground =
+                albedo / PI * (sky.irradiance + sky.sun.z * (-sky.depth / sky.sun.z).exp());
             let from = sky.above(0.5);
             for (rise, azimuth) in
                 [(0.9, 0.7), (0.4, 3.0), (0.07, 2.0), (-0.07, 1.0), (-0.4, 4.0), (-1.0, 0.0)]
             {
                 let flat = f64::sqrt(1.0 - rise * rise);
-                let direction = DVec3::new(flat * f64::sin(azimuth), flat * f64::cos(azimuth), rise);
+                let direction =
+                    DVec3::new(flat * f64::sin(azimuth), flat * f64::cos(azimuth), rise);
                 let ray = Ray { origin: DVec3::new(-3.0, 0.0, 0.5), direction };
-                let settings = MonteCarloSettings { samples_per_pixel: 30_000, ..Default::default() };
+                let settings =
+                    MonteCarloSettings { samples_per_pixel: 30_000, ..Default::default() };
                 let expected = radiances(&scene, &[ray], &settings).unwrap()[0];
                 let found = if rise > 0.0 {
                     sky.light(direction, from, 0.0)

@@ -263,8 +263,7 @@ impl Surroundings {
             let (foot, passed) = self.foot(&ray);
             let cosine = f64::from(opposite.cosines[axis][ordinate]);
             let section = cosine * volume / spacing[axis] / self.lit.area();
-            let radiance =
-                f64::from(*place.mean(leaving, opposite) * opposite.weights[ordinate]);
+            let radiance = f64::from(*place.mean(leaving, opposite) * opposite.weights[ordinate]);
             self.lit.spread(irradiance, foot, section * passed * radiance);
         });
     }
