@@ -37,7 +37,7 @@ class Lift(nn.Module):
         self.margin = [max(abs(at[axis]) for at in offsets) for axis in (0, 1)]
         self.spacing = (dy, dx)
         self.cameras = _cameras(zenith, azimuth, geometry)
-        self._grids: dict[tuple[int, int], Tensor] = {}
+        self._grids: dict[tuple[Any, ...], Tensor] = {}
 
     @property
     def channels(self) -> int:
@@ -56,18 +56,18 @@ class Lift(nn.Module):
 
     def ground(self, images: Tensor) -> Tensor:
         """The images on the plane of the target, with the margin that other planes want."""
-        count, views, rows, cols = images.shape
-        grid = self._grid((rows, cols)).to(images)
-        grid = grid.expand(count, *grid.shape).flatten(0, 1)
-        sampled = nn.functional.grid_sample(
-            images.reshape(-1, 1, rows, cols), grid, padding_mode="border", align_corners=False
+        # As a batch of views with a channel for each cloud, all by the grid of their view.
+        grid = self._grid(images.shape[2:], images.dtype, images.device)
+        ground = nn.functional.grid_sample(
+            images.transpose(0, 1), grid, padding_mode="border", align_corners=False
         )
-        return sampled.unflatten(0, (count, views)).squeeze(2)
+        return ground.transpose(0, 1)
 
-    def _grid(self, size: tuple[int, int]) -> Tensor:
+    def _grid(self, size: torch.Size, kind: torch.dtype, device: torch.device) -> Tensor:
         """Where each voxel of the ground is in each image, ``[view, y, x, (col, row)]`` from
         -1 to 1 between the edges of the image."""
-        if size not in self._grids:
+        key = (tuple(size), kind, device)
+        if key not in self._grids:
             y, x = (
                 step * (torch.arange(lines + 2 * margin).double() + 0.5 - margin - 0.5 * lines)
                 for step, lines, margin in zip(self.spacing, size, self.margin)
@@ -76,8 +76,9 @@ class Lift(nn.Module):
             pixel = torch.einsum("vap,yxp->vyxa", self.cameras[:, :2], point)
             depth = 1.0 - torch.einsum("vp,yxp->vyx", self.cameras[:, 2], point)
             pixel = pixel / depth.clamp_min(1e-3)[..., None]
-            self._grids[size] = pixel / torch.tensor([0.5 * size[1], 0.5 * size[0]]).double()
-        return self._grids[size]
+            halves = torch.tensor([0.5 * size[1], 0.5 * size[0]], dtype=torch.float64)
+            self._grids[key] = (pixel / halves).to(device, kind)
+        return self._grids[key]
 
 
 def _half_away(values: Tensor) -> Tensor:

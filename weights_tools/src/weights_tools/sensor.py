@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-
 MANY = 200.0
 """Electrons from which on Poisson's distribution is drawn as a normal one, ten times faster:
 its skewness, 7 % there, drowns in the readout and the grey levels."""
