@@ -35,6 +35,7 @@ def write_dataset(folder: Path, train: int = 6, validation: int = 3) -> Path:
         "view_zenith_deg": [abs(zenith) for zenith in zeniths],
         "view_azimuth_deg": [180.0 if zenith < 0.0 else 0.0 for zenith in zeniths],
         "pixel_km": [0.05 + 0.0005 * abs(zenith) for zenith in zeniths],
+        "camera_distance_km": [600.0 + abs(zenith) for zenith in zeniths],
     }
     (folder / "samples").mkdir(parents=True)
     samples = []

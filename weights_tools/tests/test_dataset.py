@@ -14,6 +14,8 @@ def test_all_views_in_the_order_of_the_folder(dataset_folder):
     assert data.train.radiance.shape == (6, 12, SIZE, SIZE)
     assert data.validation.extinction.shape == (3, LEVELS, SIZE, SIZE)
     assert data.geometry.view_zenith_deg[:2] == (60.0, 34.0)
+    assert data.geometry.camera_distance_km[:2] == pytest.approx((660.0, 634.0))
+    assert data.wavelength_um == 0.672
 
 
 def test_the_ten_views_are_found_by_their_directions(dataset_folder):
@@ -23,6 +25,7 @@ def test_the_ten_views_are_found_by_their_directions(dataset_folder):
         for zenith, azimuth in zip(data.geometry.view_zenith_deg, data.geometry.view_azimuth_deg)
     ]
     assert signed == list(CLOUDCT_10_DEG)
+    assert data.geometry.camera_distance_km == pytest.approx([600.0 + abs(at) for at in signed])
     # The clear pixel tells which view of the folder it is: they stand there in reverse.
     clear = data.train.radiance[0, :, 0, 0]
     assert torch.allclose(clear, 0.01 + 0.001 * torch.arange(10, 0, -1))

@@ -108,6 +108,7 @@ class Dataset:
 
     formation: str
     geometry: ViewGeometry
+    wavelength_um: float
     train: Samples
     validation: Samples
     folder: Path
@@ -170,11 +171,14 @@ def load_dataset(folder: str | Path, formation: str | None = None) -> Dataset:
         for split in ("train", "validation")
     )
     name = formation or manifest["formation"]
-    distances = _distances(folder / manifest["samples"][0]["file"], len(geometry))
+    # What all samples have in common, and the manifest does not tell.
+    first = next(sample for sample in manifest["samples"] if sample["split"] == "train")
+    distances, wavelength_um = _cameras(folder / first["file"], len(geometry))
     geometry = replace(geometry, camera_distance_km=distances)
     return Dataset(
         name,
         geometry.select(views),
+        wavelength_um,
         train,
         validation,
         folder,
@@ -221,16 +225,18 @@ def _geometry(manifest: dict[str, Any], path: Path) -> ViewGeometry:
     return ViewGeometry(geometry["sun_zenith_deg"], geometry["sun_azimuth_deg"], **lists)
 
 
-def _distances(path: Path, views: int) -> tuple[float | None, ...]:
-    """How far the cameras of a sample are from their target (km); those of all samples are."""
+def _cameras(path: Path, views: int) -> tuple[tuple[float | None, ...], float]:
+    """How far a sample's cameras are from their target (km), and their wavelength (um)."""
     with h5py.File(path, "r") as file:
-        if not {"camera_position", "target"} <= set(file):
-            raise InputError(path, "has no camera_position or no target", _REMEDY)
+        missing = sorted({"camera_position", "target", "wavelength"} - set(file))
+        if missing:
+            raise InputError(path, f"has no variable {missing[0]}", _REMEDY)
         offsets = file["camera_position"][...] - file["target"][...]
+        wavelength_um = float(file["wavelength"][()])
     if offsets.shape != (views, 3):
         raise InputError(path, f"camera_position is not of {views} views", _REMEDY)
     distances = np.linalg.norm(offsets, axis=1)
-    return tuple(float(at) if math.isfinite(at) else None for at in distances)
+    return tuple(float(at) if math.isfinite(at) else None for at in distances), wavelength_um
 
 
 def _views(geometry: ViewGeometry, has: str, wants: str | None, path: Path) -> list[int]:

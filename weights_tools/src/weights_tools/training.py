@@ -31,9 +31,6 @@ BEST = "best.pt"
 EPOCHS_PER_PICTURE = 10
 """Epochs after which the picture of the learning curves is drawn again."""
 
-WAVELENGTH_UM = 0.672
-"""Wavelength of the images of a dataset."""
-
 LEAST_CLOUD = 0.1
 """Least sum that a cloud's error is divided by: a crop may hold a sliver of one."""
 
@@ -283,7 +280,7 @@ def _metadata(recipe: Recipe, data: Dataset, row: dict[str, float]) -> dict[str,
     return {
         **_layout(recipe, data),
         "formation": data.formation,
-        "wavelength_um": WAVELENGTH_UM,
+        "wavelength_um": data.wavelength_um,
         "input_scale": recipe.scaling.input_scale,
         "output_scale": recipe.scaling.output_scale,
         "training": {
