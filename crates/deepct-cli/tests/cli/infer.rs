@@ -4,8 +4,8 @@ use deepct_core::image::ViewStack;
 use deepct_core::io::{Provenance, read_volume, write_mask, write_observation, write_weights};
 use deepct_core::math::DVec3;
 use deepct_core::network::{
-    Architecture, FORMAT_VERSION, ImageLayout, LayerWeights, Levels, Network, Training, Weights,
-    WeightsMetadata,
+    Architecture, FORMAT_VERSION, ImageLayout, LayerWeights, Levels, Network, Planes, Training,
+    Weights, WeightsMetadata,
 };
 use deepct_core::scene::{Formation, Observation, Sun};
 use ndarray::{Array1, Array3, Array4};
@@ -28,8 +28,12 @@ fn observation() -> Observation {
 }
 
 /// Weights for those images: two layers, six levels around the target.
-fn weights(observation: &Observation) -> Weights {
-    let architecture = Architecture { channels: vec![10, 8, 6], last_relu: true };
+fn weights(observation: &Observation, image_layout: ImageLayout) -> Weights {
+    let planes = match &image_layout {
+        ImageLayout::Camera => 1,
+        ImageLayout::Planes(planes) => planes.altitudes_km.len(),
+    };
+    let architecture = Architecture { channels: vec![10 * planes, 8, 6], last_relu: true };
     let layers = architecture.layer_channels().map(|(input, output)| LayerWeights {
         weight: Array4::from_shape_fn((output, input, 3, 3), |(o, i, y, x)| {
             ((7 * o + 5 * i + 3 * y + x) % 13) as f32 / 60.0 - 0.05
@@ -44,7 +48,7 @@ fn weights(observation: &Observation) -> Weights {
         view_geometry: observation.geometry(),
         target_altitude_km: TARGET.z,
         wavelength_um: observation.wavelength,
-        image_layout: ImageLayout::Camera,
+        image_layout,
         horizontal_spacing_km: [0.05, 0.05],
         levels: Levels { bottom_km: 0.88, count: 6, spacing_km: 0.04 },
         input_scale: 5.0,
@@ -65,7 +69,7 @@ fn weights(observation: &Observation) -> Weights {
 /// The images and the weights as files.
 fn files(program: &Program) -> (Observation, Weights) {
     let observation = observation();
-    let weights = weights(&observation);
+    let weights = weights(&observation, ImageLayout::Camera);
     write_observation(program.path("N.nc"), &observation, &provenance()).unwrap();
     write_weights(program.path("W.safetensors"), &weights).unwrap();
     (observation, weights)
@@ -83,6 +87,32 @@ fn the_answer_is_that_of_the_library() {
     assert_eq!(volume.values, expected.values);
     assert!(volume.values.iter().any(|value| *value > 0.0));
     assert!((volume.grid.center() - TARGET).length() < 1e-9);
+}
+
+#[test]
+fn images_are_laid_on_the_planes_of_the_weights() {
+    let program = Program::new();
+    let (observation, camera) = files(&program);
+    let planes = ImageLayout::Planes(Planes { altitudes_km: vec![0.94, 1.06] });
+    let mut weights = weights(&observation, planes);
+    write_weights(program.path("P.safetensors"), &weights).unwrap();
+    let text = program.succeed("weights inspect P.safetensors");
+    assert!(text.contains("images           on 2 planes at 0.94 1.06 km"), "{text}");
+    program.succeed("infer N.nc --weights P.safetensors --out V.nc");
+    let volume = read_volume(program.path("V.nc")).unwrap();
+    let infer = |weights: &Weights| {
+        let network = Network::new(weights).unwrap();
+        network.infer(&observation.images, [TARGET.x, TARGET.y]).unwrap()
+    };
+    assert_eq!(volume, infer(&weights));
+    assert!(volume.values != infer(&camera).values);
+
+    weights.metadata.view_geometry.camera_distance_km[2] = None;
+    write_weights(program.path("parallel.safetensors"), &weights).unwrap();
+    program.refuse(
+        "infer N.nc --weights parallel.safetensors --out V.nc",
+        &["N.nc", "view 2: distance of the camera", "parallel rays"],
+    );
 }
 
 #[test]
@@ -163,7 +193,13 @@ fn inspection_tells_what_weights_are_for() {
     let program = Program::new();
     files(&program);
     let text = program.succeed("weights inspect W.safetensors");
-    for words in ["cloudct-10, 10 views", "2, 1166 parameters", "10 8 6", "epsilon          0.25"] {
+    for words in [
+        "cloudct-10, 10 views",
+        "images           as the cameras took them",
+        "2, 1166 parameters",
+        "10 8 6",
+        "epsilon          0.25",
+    ] {
         assert!(text.contains(words), "no \"{words}\" in: {text}");
     }
     let json = program.succeed("weights inspect W.safetensors --json");
