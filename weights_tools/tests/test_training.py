@@ -143,6 +143,24 @@ def test_the_learning_rate_rises_and_falls():
     assert rates == pytest.approx([0.01, 0.505, 1.0, 0.5, 0.0])
 
 
+def test_a_training_starts_from_a_network_of_another(data, tmp_path):
+    Training(RECIPE, data, tmp_path / "first", CPU).run(None, silent)
+    first = load_checkpoint(tmp_path / "first" / BEST)
+    second = Training(RECIPE, data, tmp_path / "second", CPU, tmp_path / "first" / BEST)
+    for name, values in second.network.state_dict().items():
+        assert torch.equal(values, first["model_state_dict"][name]), name
+    with pytest.raises(Killed):
+        second.run(None, kill_after(1))
+    # What it started from is told, also after it was cut off.
+    Training(RECIPE, data, tmp_path / "second", CPU).run(None, silent)
+    last = load_checkpoint(tmp_path / "second" / LAST)
+    assert last["metadata"]["configuration"]["started_from"] == first["metadata"]["training"]
+    assert "started_from" not in first["metadata"]["configuration"]
+    wider = replace(RECIPE, network=NetworkRecipe(layers=3, width=9))
+    with pytest.raises(InputError, match="best.pt: is not of a network like"):
+        Training(wider, data, tmp_path / "third", CPU, tmp_path / "first" / BEST)
+
+
 def test_the_loss_by_hand():
     truth = torch.tensor([[1.0, 3.0], [0.0, 2.0]]).reshape(2, 2, 1, 1)
     estimate = torch.tensor([[2.0, 1.0], [0.0, 2.0]]).reshape(2, 2, 1, 1)

@@ -41,6 +41,7 @@ def _parser() -> argparse.ArgumentParser:
     train.add_argument("recipe", type=Path, help="TOML file, see recipes/")
     train.add_argument("--dataset", type=Path, required=True, help="folder of `deepct dataset`")
     train.add_argument("--out", type=Path, required=True, help="folder of checkpoints and curves")
+    train.add_argument("--start", type=Path, help="checkpoint of a network to begin with")
     train.add_argument("--minutes", type=_positive, help="end after so long in all")
     train.add_argument("--threads", type=int, help="CPU threads (default: all)")
     train.set_defaults(run=_train)
@@ -79,7 +80,7 @@ def _train(options: argparse.Namespace) -> int:
     recipe = load_recipe(options.recipe)
     data = load_dataset(options.dataset, recipe.formation)
     device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
-    training = Training(recipe, data, options.out, device)
+    training = Training(recipe, data, options.out, device, options.start)
     print(
         f"{len(data.train)} training and {len(data.validation)} validation clouds, "
         f"{len(data.geometry)} views, channels {training.network.channels}, on {device}",

@@ -44,7 +44,18 @@ class Training:
     run that was cut off and goes on is the run that was not.
     """
 
-    def __init__(self, recipe: Recipe, data: Dataset, folder: Path, device: torch.device) -> None:
+    def __init__(
+        self,
+        recipe: Recipe,
+        data: Dataset,
+        folder: Path,
+        device: torch.device,
+        start: Path | None = None,
+    ) -> None:
+        """The run of a folder, or a new one, from the parameters of the checkpoint ``start``.
+
+        Raises :class:`InputError` for a checkpoint of another recipe, data or network.
+        """
         self.recipe, self.data, self.folder, self.device = recipe, data, folder, device
         torch.manual_seed(recipe.training.seed)
         channels = recipe.network.channels(len(data.geometry), data.levels)
@@ -65,9 +76,13 @@ class Training:
         self.progress = 0.0
         self.elapsed_s = 0.0
         self.history: list[dict[str, float]] = []
+        self.started_from: dict[str, Any] | None = None
+        """What the network that this one started from was trained on."""
         folder.mkdir(parents=True, exist_ok=True)
         if (folder / LAST).exists():
             self._resume(load_checkpoint(folder / LAST))
+        elif start is not None:
+            self._start(start, load_checkpoint(start))
 
     def run(self, minutes: float | None, report: Callable[[str], None]) -> None:
         """Train to the recipe's last epoch, or for ``minutes`` in all if that is sooner.
@@ -183,7 +198,8 @@ class Training:
             "elapsed_s": self.elapsed_s,
             "history": self.history,
             "recipe": self.recipe.resolved(),
-            "metadata": _metadata(self.recipe, self.data, self.history[-1]),
+            "metadata": self._metadata(),
+            "started_from": self.started_from,
         }
         if is_best:
             save_checkpoint(self.folder / BEST, checkpoint)
@@ -192,6 +208,21 @@ class Training:
         ends = self.epoch == self.recipe.training.epochs or self.progress == 1.0
         if ends or self.epoch % EPOCHS_PER_PICTURE == 0:
             write_picture(self.history, self.folder)
+
+    def _metadata(self) -> dict[str, Any]:
+        metadata = _metadata(self.recipe, self.data, self.history[-1])
+        if self.started_from is not None:
+            metadata["configuration"]["started_from"] = self.started_from
+        return metadata
+
+    def _start(self, path: Path, checkpoint: dict[str, Any]) -> None:
+        recipe = self.recipe.resolved()
+        remedy = "start from a checkpoint of a training with the same [network] and [scaling]"
+        theirs = checkpoint.get("recipe", {})
+        if any(theirs.get(part) != recipe[part] for part in ("formation", "network", "scaling")):
+            raise InputError(path, "is not of a network like that of the recipe", remedy)
+        self.network.load_state_dict(checkpoint["model_state_dict"])
+        self.started_from = checkpoint["metadata"]["training"]
 
     def _resume(self, checkpoint: dict[str, Any]) -> None:
         path = self.folder / LAST
@@ -208,6 +239,7 @@ class Training:
         self.progress = checkpoint["progress"]
         self.elapsed_s = checkpoint["elapsed_s"]
         self.history = checkpoint["history"]
+        self.started_from = checkpoint.get("started_from")
 
 
 def validation_images(data: Dataset, sensor: Sensor, seed: int) -> Tensor:
