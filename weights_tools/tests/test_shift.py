@@ -60,6 +60,22 @@ def test_the_image_moves_with_the_cloud():
     assert {level for level, _, _ in seen} == {1, 2, 3, 4, 5}
 
 
+def test_a_camera_that_points_elsewhere_moves_its_image_alone():
+    geometry = ViewGeometry(30.0, 45.0, (0.0, 30.0), (0.0, 0.0), (0.05, 0.05))
+    shifter = Shifter(geometry, (0.05, 0.05, 0.04), 0, 0, 0.4)
+    clouds, lines = 200, torch.arange(16.0)
+    # A ramp tells by how much it was moved, but for its ends.
+    ramps = (3.0 * lines[:, None] + 5.0 * lines).expand(clouds, 2, 16, 16)
+    extinction = torch.ones(clouds, 1, 4, 4)
+    moved, images = shifter.draw(extinction, ramps, torch.Generator().manual_seed(6))
+    assert torch.equal(moved, extinction)
+    offsets = (ramps - images)[:, :, 3:-3, 3:-3]
+    assert (offsets - offsets.mean((2, 3), keepdim=True)).abs().max() < 1e-4
+    expected = 0.4 * math.hypot(3.0, 5.0)
+    assert abs(offsets[..., 0, 0].std().item() / expected - 1.0) < 0.15
+    assert abs(torch.corrcoef(offsets[..., 0, 0].T)[0, 1]) < 0.2
+
+
 def test_no_cloud_leaves_its_domain():
     geometry = ViewGeometry(30.0, 45.0, (0.0,), (0.0,), (0.05,))
     extinction = torch.zeros(64, 1, 10, 10)

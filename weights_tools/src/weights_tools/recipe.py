@@ -88,6 +88,8 @@ class TrainingRecipe:
     """Largest horizontal shift of a cloud and its images, along x and along y."""
     shift_levels: int = 0
     """Largest vertical shift."""
+    pointing_pixels: float = 0.0
+    """Standard deviation of where each camera looks, along rows and along columns."""
     neighbours: float = 0.0
     """Share of the clouds that get another one beside them, as in a field; wants shifts."""
     crop: int = 0
@@ -184,6 +186,7 @@ def _check(recipe: Recipe, path: Path) -> None:
         ("training.crop_until", 0.0 <= training.crop_until <= 1.0, "between 0 and 1"),
         ("training.shift_voxels", training.shift_voxels >= 0, "0 or more"),
         ("training.shift_levels", training.shift_levels >= 0, "0 or more"),
+        ("training.pointing_pixels", training.pointing_pixels >= 0.0, "0 or more"),
         ("training.neighbours", 0.0 <= training.neighbours <= 1.0, "between 0 and 1"),
         (
             "training.neighbours",

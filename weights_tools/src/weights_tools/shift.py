@@ -21,7 +21,7 @@ from weights_tools.dataset import ViewGeometry
 
 class Shifter:
     """Draws shifts of up to ``voxels`` along x and y and ``levels`` along z that leave the
-    cloud in its domain."""
+    cloud in its domain, and errors of pointing that leave it where it is."""
 
     def __init__(
         self,
@@ -29,7 +29,10 @@ class Shifter:
         voxel_spacing_km: tuple[float, float, float],
         voxels: int,
         levels: int = 0,
+        pointing: float = 0.0,
     ):
+        """``pointing`` is the standard deviation (pixels) of where a camera looks, along rows
+        and along columns, drawn for each view of each cloud."""
         for zenith, azimuth in zip(geometry.view_zenith_deg, geometry.view_azimuth_deg):
             if abs(math.sin(math.radians(azimuth)) * math.sin(math.radians(zenith))) > 1e-3:
                 raise ValueError("shifts need views along a track from south to north")
@@ -40,7 +43,7 @@ class Shifter:
         self.columns_per_voxel = dx / pixel
         self.rows_per_voxel = dy * zenith.cos() / pixel
         self.rows_per_level = -dz * zenith.sin() * north / pixel
-        self.voxels, self.levels = voxels, levels
+        self.voxels, self.levels, self.pointing = voxels, levels, pointing
 
     def draw(
         self, extinction: Tensor, radiance: Tensor, generator: torch.Generator
@@ -58,8 +61,10 @@ class Shifter:
         places = torch.stack([up, north, east], 1).tolist()
         moved = torch.stack([cloud.roll(at, (0, 1, 2)) for cloud, at in zip(extinction, places)])
         northwards = north[:, None] * self.rows_per_voxel + up[:, None] * self.rows_per_level
-        rows = interpolation(northwards, radiance.shape[2])
-        cols = interpolation(east[:, None] * self.columns_per_voxel, radiance.shape[3])
+        eastwards = east[:, None] * self.columns_per_voxel
+        errors = self.pointing * torch.randn(2, *radiance.shape[:2], generator=generator)
+        rows = interpolation(northwards + errors[0], radiance.shape[2])
+        cols = interpolation(eastwards + errors[1], radiance.shape[3])
         return moved, (rows @ radiance @ cols.transpose(-1, -2)).clamp_(min=0.0)
 
 

@@ -64,7 +64,8 @@ class Training:
         muon_share = recipe.training.muon_learning_rate / recipe.training.learning_rate
         self.optimizers = Optimizers(self.network, muon_share)
         self.shifter = None
-        shifts = recipe.training.shift_voxels, recipe.training.shift_levels
+        limits = recipe.training
+        shifts = limits.shift_voxels, limits.shift_levels, limits.pointing_pixels
         if any(shifts):
             self.shifter = Shifter(data.geometry, data.voxel_spacing_km, *shifts)
         self.neighbours = None
