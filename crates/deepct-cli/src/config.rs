@@ -56,7 +56,10 @@ impl Settings {
     pub(crate) fn resolve<T: DeserializeOwned>(&self, defaults: &str) -> Result<T> {
         let mut table: toml::Table = defaults.parse().expect("defaults are valid TOML");
         if let Some(path) = &self.config {
-            let text = std::fs::read_to_string(path).map_err(Error::io(path))?;
+            let text = std::fs::read_to_string(path).map_err(|problem| {
+                let remedy = "name a TOML file; `deepct config` prints the settings of a verb";
+                Error::file(path, "settings", problem.to_string(), remedy)
+            })?;
             let file: toml::Table =
                 text.parse().map_err(|problem| invalid(path, &problem, defaults))?;
             overlay(&mut table, file);

@@ -4,7 +4,6 @@ use crate::array::{Floats, VOLUME, give};
 use crate::error::raise;
 use crate::grid::Grid;
 use crate::view::{Sun, ViewSequence};
-use deepct_core::cloud::{Cloud, Microphysics};
 use deepct_core::grid::Volume;
 use deepct_core::optics::air::Air;
 use deepct_core::optics::{DropletSettings, DropletTable, Interpolation, Medium, PhaseFunction};
@@ -52,20 +51,11 @@ impl Phase {
                 let phase_function = PhaseFunction::henyey_greenstein(asymmetry)?;
                 Medium::new(extinction, single_scattering_albedo, phase_function)
             }
-            Self::Droplets { effective_radius, settings } => {
-                extinction.check_non_negative("extinction")?;
-                // How much water there is plays no part, as extinction is given.
-                let water = extinction.values.mapv(|value| f32::from(value > 0.0));
-                let variance = settings.effective_variance as f32;
-                let droplets = Microphysics {
-                    effective_variance: Array3::from_elem(water.raw_dim(), variance),
-                    liquid_water_content: water,
-                    effective_radius,
-                };
-                let mut cloud = Cloud::from_microphysics(extinction.grid, droplets)?;
-                cloud.extinction = Some(extinction.values);
-                Medium::from_droplets(&cloud, Arc::new(DropletTable::of(&settings)?))
-            }
+            Self::Droplets { effective_radius, settings } => Medium::of_droplets(
+                extinction,
+                effective_radius,
+                Arc::new(DropletTable::of(&settings)?),
+            ),
         }
     }
 }

@@ -8,13 +8,17 @@ use crate::grid::Volume;
 use crate::image::ViewStack;
 use crate::io::{self, Provenance};
 use crate::network::WeightsMetadata;
-use crate::optics::{self, Medium, PhaseFunction};
+use crate::optics::air::Air;
+use crate::optics::{self, DropletSettings, DropletTable, Medium, PhaseFunction};
 use crate::scene::{Formation, Observation, Scene, Sun, Surface};
 use crate::sensor::{Scale, Sensor, sense};
 use crate::transport::{self, MonteCarloSettings, Solver};
 use ndarray::{Array3, Axis};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
+/// Wavelength of the images (um).
+const WAVELENGTH: f64 = 0.672;
 /// Largest difference between a view of a data set and one of the weights (degrees).
 const SAME_VIEW_DEG: f64 = 0.1;
 
@@ -126,9 +130,21 @@ impl Case {
 
 /// The scene of an extinction, as the settings say.
 pub(super) fn scene(extinction: &Volume, settings: &ExperimentSettings, sun: Sun) -> Result<Scene> {
-    let phase_function = PhaseFunction::henyey_greenstein(settings.asymmetry)?;
-    let medium = Medium::new(extinction.clone(), 1.0, phase_function)?;
-    Scene::new(medium, sun, Surface::lambertian(settings.surface_albedo))
+    let medium = match settings.effective_radius {
+        None => {
+            let phase_function = PhaseFunction::henyey_greenstein(settings.asymmetry)?;
+            Medium::new(extinction.clone(), 1.0, phase_function)?
+        }
+        Some(radius) => {
+            let droplets = DropletSettings::water(WAVELENGTH);
+            let table = Arc::new(DropletTable::mie(&droplets, &[f64::from(radius)])?);
+            let radii = Array3::from_elem(extinction.grid.shape, radius);
+            Medium::of_droplets(extinction.clone(), radii, table)?
+        }
+    };
+    let air = if settings.air { Some(Air::new(WAVELENGTH)?) } else { None };
+    let scene = Scene::new(medium, sun, Surface::lambertian(settings.surface_albedo))?;
+    Ok(Scene { air, ..scene })
 }
 
 /// The images through the sensor.

@@ -48,8 +48,14 @@ pub struct ExperimentSettings {
     /// absent.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub similarity_after: Option<u32>,
-    /// Mean cosine of the scattering angle.
+    /// Effective radius (um) of all droplets, which scatter by Mie's theory; if absent, light
+    /// is scattered by Henyey and Greenstein's function.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub effective_radius: Option<f32>,
+    /// Mean cosine of the scattering angle of that function.
     pub asymmetry: f64,
+    /// Whether there is air.
+    pub air: bool,
     /// Albedo of the surface, at altitude 0.
     pub surface_albedo: f64,
     /// Extinction (1/km) that physics starts from.
@@ -76,7 +82,9 @@ impl Default for ExperimentSettings {
             sensor: "cmv4000".into(),
             samples_per_pixel: 4096,
             similarity_after: Some(3),
+            effective_radius: None,
             asymmetry: crate::optics::CLOUD_ASYMMETRY,
+            air: false,
             surface_albedo: 0.05,
             start: 0.01,
             quick_iterations: QUICK_ITERATIONS,

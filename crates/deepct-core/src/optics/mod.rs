@@ -24,6 +24,7 @@ pub use water::water_refractive_index;
 use crate::cloud::{Cloud, Microphysics};
 use crate::error::{Error, Result};
 use crate::grid::Volume;
+use ndarray::Array3;
 use std::sync::Arc;
 
 /// The asymmetry parameter of water clouds at visible wavelengths: Mie theory gives
@@ -95,12 +96,42 @@ impl Medium {
     /// A cloud without droplets; water in droplets larger than the last of the table.
     pub fn from_droplets(cloud: &Cloud, table: Arc<DropletTable>) -> Result<Self> {
         let extinction = droplet_extinction(cloud, &table)?;
-        let effective_radius = microphysics(cloud)?.effective_radius.clone();
+        Self::of_droplets(extinction, microphysics(cloud)?.effective_radius.clone(), table)
+    }
+
+    /// A medium of the given extinction, made of droplets of the given effective radii (um).
+    ///
+    /// # Errors
+    /// A negative or non-finite extinction; radii on another grid, or beyond the last of the
+    /// table where there is extinction.
+    pub fn of_droplets(
+        extinction: Volume,
+        effective_radius: Array3<f32>,
+        table: Arc<DropletTable>,
+    ) -> Result<Self> {
+        extinction.check_non_negative("extinction")?;
+        extinction.grid.check_shape("the effective radius", effective_radius.shape())?;
+        check_radii(&effective_radius, &extinction.values, &table)?;
         Ok(Self {
             extinction,
             interpolation: Interpolation::Constant,
             scattering: Scattering::Droplets { effective_radius, table },
         })
+    }
+}
+
+/// An error unless the table reaches to the radius of each voxel that holds something.
+fn check_radii(radii: &Array3<f32>, amounts: &Array3<f32>, table: &DropletTable) -> Result<()> {
+    let largest = table.nodes()[table.nodes().len() - 1].effective_radius;
+    // A radius of single precision may be the last of the table.
+    let beyond = |radius: f32| f64::from(radius) > largest * (1.0 + 1e-6);
+    match radii.indexed_iter().find(|(voxel, r)| beyond(**r) && amounts[*voxel] > 0.0) {
+        None => Ok(()),
+        Some((voxel, radius)) => Err(Error::out_of_range(
+            "effective radius",
+            format!("{radius} um at voxel [z, y, x] {voxel:?}"),
+            format!("at most {largest} um, where the table of droplet optics ends"),
+        )),
     }
 }
 
@@ -111,18 +142,7 @@ impl Medium {
 /// As [`Medium::from_droplets`].
 pub fn droplet_extinction(cloud: &Cloud, table: &DropletTable) -> Result<Volume> {
     let droplets = microphysics(cloud)?;
-    let largest = table.nodes()[table.nodes().len() - 1].effective_radius;
-    let too_large = droplets
-        .effective_radius
-        .indexed_iter()
-        .find(|(voxel, r)| f64::from(**r) > largest && droplets.liquid_water_content[*voxel] > 0.0);
-    if let Some((voxel, radius)) = too_large {
-        return Err(Error::out_of_range(
-            "effective radius",
-            format!("{radius} um at voxel [z, y, x] {voxel:?}"),
-            format!("at most {largest} um, where the table of droplet optics ends"),
-        ));
-    }
+    check_radii(&droplets.effective_radius, &droplets.liquid_water_content, table)?;
     if let Some(values) = &cloud.extinction {
         return Volume::new(cloud.grid, values.clone());
     }
