@@ -2,6 +2,7 @@
 
 use super::lattice::{Lattice, Segment, basis};
 use super::optics::Optics;
+use super::quadrature::gauss_legendre;
 use crate::math::{DVec3, Ray};
 use rayon::prelude::*;
 
@@ -24,6 +25,8 @@ pub(super) struct Rays<'a> {
     pub(super) optics: &'a Optics,
     /// Extinction by voxel (1/km).
     pub(super) extinction: &'a [f32],
+    /// Where sunlight is looked at in a cell, from 0 to 1 along each axis, and weights.
+    pub(super) cubature: &'a [(DVec3, f64)],
 }
 
 impl Rays<'_> {
@@ -104,7 +107,7 @@ impl Rays<'_> {
     pub(super) fn stopped(&self, depths: &[[f32; 8]]) -> Vec<[f32; 4]> {
         let stopped = |slot: usize| {
             let mut sums = [0.0; 4];
-            for (at, weight) in cubature() {
+            for &(at, weight) in self.cubature {
                 let value = weight * self.lattice.value(self.extinction, slot, at);
                 let light = value * (-sun_depth(&depths[slot], at)).exp();
                 for (sum, function) in sums.iter_mut().zip(basis(at)) {
@@ -125,7 +128,7 @@ impl Rays<'_> {
         by_depth: &mut [[f32; 8]],
     ) {
         for (slot, values) in values.iter().enumerate() {
-            for (at, weight) in cubature() {
+            for &(at, weight) in self.cubature {
                 let value: f64 =
                     basis(at).iter().zip(values).map(|(b, value)| b * f64::from(*value)).sum();
                 let light = weight * value * (-sun_depth(&depths[slot], at)).exp();
@@ -144,12 +147,20 @@ pub(super) fn add_all(into: &mut [f64], parts: &[Vec<f64>]) {
     }
 }
 
-/// Points of a cell and their weights.
-fn cubature() -> impl Iterator<Item = (DVec3, f64)> {
-    (0..27).map(|n| {
-        let [(x, a), (y, b), (z, c)] = [THREE[n % 3], THREE[n / 3 % 3], THREE[n / 9]];
-        (DVec3::new(x, y, z), a * b * c)
-    })
+/// Points of a cell and their weights; more of them from bottom to top where sunlight that
+/// crosses the cell meets a large optical `depth`.
+pub(super) fn cubature(depth: f64) -> Vec<(DVec3, f64)> {
+    let half = (0.25 * depth + 1.0).ceil().clamp(2.0, 8.0) as usize;
+    let rule = gauss_legendre(2 * half);
+    let upward = rule.iter().flat_map(|(x, w)| [-0.5, 0.5].map(|side| (0.5 + side * x, 0.5 * w)));
+    upward
+        .flat_map(|(z, c)| {
+            (0..9).map(move |n| {
+                let [(x, a), (y, b)] = [THREE[n % 3], THREE[n / 3]];
+                (DVec3::new(x, y, z), a * b * c)
+            })
+        })
+        .collect()
 }
 
 /// Optical depth towards the Sun at a place in a cell: linear along each axis.

@@ -4,7 +4,7 @@
 //! from the Sun's depths and the whole phase function.
 
 use super::beam::{Rays, spread_sun_depth, sun_depth};
-use super::quadrature::spherical_harmonics;
+use super::quadrature::first_harmonics;
 use super::surroundings::{BySurface, OnSurface, Outside, Surroundings};
 use crate::grid::Grid;
 use crate::math::{DVec3, Ray};
@@ -129,9 +129,7 @@ impl Camera<'_> {
     /// The harmonics in the direction of a tile.
     pub(super) fn harmonics(&self, tile: &Tile, view: &View) -> Vec<f32> {
         let slots = self.rays.lattice.len().max(1);
-        let count = (self.moments.len() / 4 / slots).isqrt();
-        let values = spherical_harmonics(tile.direction(view), count);
-        values.into_iter().map(|value| value as f32).collect()
+        first_harmonics(tile.direction(view), self.moments.len() / 4 / slots)
     }
 
     /// The mean radiance of a pixel, for a Sun of unit irradiance.
@@ -203,7 +201,7 @@ impl Camera<'_> {
     /// The points of a ray, two and two; and what is before and behind them.
     fn walk(&self, ray: Ray, scattered: &[[f32; 4]], points: &mut Vec<Point>) -> Beyond {
         points.clear();
-        let Rays { lattice, optics, extinction } = self.rays;
+        let Rays { lattice, optics, extinction, .. } = self.rays;
         let cosine = ray.direction.dot(self.sun);
         let before = before_points();
         let mut depth = 0.0;

@@ -31,14 +31,14 @@ use crate::grid::{Mask, Volume};
 use crate::image::ViewStack;
 use crate::math::DVec3;
 use crate::optics::Medium;
-use crate::scene::{Scene, View};
-use beam::Rays;
+use crate::scene::{Boundary, Scene, View};
+use beam::{Rays, cubature};
 use camera::{Camera, Tile, tiles};
 use diffuse::{Field, Origin, Transport};
 use lattice::Lattice;
 use ndarray::Array3;
 use optics::Optics;
-use quadrature::{Octant, Quadrature, spherical_harmonics};
+use quadrature::{Octant, Quadrature, first_harmonics};
 use rayon::prelude::*;
 use surroundings::{OnSurface, Surroundings};
 use sweep::Faces;
@@ -57,6 +57,8 @@ pub struct OrdinatesModel {
     optics: Optics,
     surroundings: Surroundings,
     quadrature: Quadrature,
+    /// Where sunlight is looked at in a cell.
+    cubature: Vec<(DVec3, f64)>,
     state: Option<State>,
     adjoint: Option<Field>,
     sweeps: usize,
@@ -116,9 +118,12 @@ impl OrdinatesModel {
         let quadrature = Quadrature::new(settings.zenith_angles);
         let scene_most = extinction.iter().fold(0.0, |most: f32, value| most.max(*value));
         let largest_extinction = settings.largest_extinction.unwrap_or(f64::from(scene_most));
-        let split = split(medium, largest_extinction, settings);
+        let split = split(scene, largest_extinction, settings);
         let lattice = Lattice::new(grid, medium.interpolation, scene.boundary, split, active);
-        let optics = Optics::new(&medium.scattering, grid, &lattice, quadrature.harmonics);
+        let rise = lattice.grid.spacing.z / scene.sun.towards().z;
+        let kept = optics::kept(&medium.scattering, settings.zenith_angles);
+        let cubature = cubature(kept * largest_extinction * rise);
+        let optics = Optics::new(&medium.scattering, grid, &lattice, &quadrature);
         Ok(Self {
             scene: scene.clone(),
             views: views.to_vec(),
@@ -129,6 +134,7 @@ impl OrdinatesModel {
             lattice,
             optics,
             quadrature,
+            cubature,
             state: None,
             adjoint: None,
             sweeps: 0,
@@ -209,7 +215,8 @@ impl OrdinatesModel {
     }
 
     fn rays<'a>(&'a self, extinction: &'a [f32]) -> Rays<'a> {
-        Rays { lattice: &self.lattice, optics: &self.optics, extinction }
+        let Self { lattice, optics, cubature, .. } = self;
+        Rays { lattice, optics, extinction, cubature }
     }
 
     fn camera<'a>(&'a self, state: &'a State) -> Camera<'a> {
@@ -238,10 +245,10 @@ impl OrdinatesModel {
 
     /// What one slot scatters of the Sun's light in each harmonic, over what it stops.
     fn turned_sunlight(&self) -> impl Fn(usize) -> Vec<f32> + Sync {
-        let sun = spherical_harmonics(-self.scene.sun.towards(), self.settings.zenith_angles);
+        let sun = first_harmonics(-self.scene.sun.towards(), self.quadrature.harmonics);
         move |slot| {
             let by = self.optics.scattered(slot).iter();
-            by.zip(&sun).map(|(scattered, harmonic)| scattered * *harmonic as f32).collect()
+            by.zip(&sun).map(|(scattered, harmonic)| scattered * harmonic).collect()
         }
     }
 
@@ -303,12 +310,20 @@ fn all_tiles(views: &[View]) -> Vec<Tile> {
     views.iter().enumerate().flat_map(|(number, view)| tiles(number, view)).collect()
 }
 
-/// How many cells a voxel is split into along x, y, z.
-fn split(medium: &Medium, largest: f64, settings: &OrdinatesSettings) -> [usize; 3] {
-    let kept = optics::kept(&medium.scattering, settings.zenith_angles);
-    let parts = kept * largest * medium.extinction.grid.spacing / settings.cell_depth;
+/// How many cells a voxel is split into along x, y, z. Nothing changes along an axis with a
+/// single voxel between periodic sides.
+fn split(scene: &Scene, largest: f64, settings: &OrdinatesSettings) -> [usize; 3] {
+    let Medium { extinction: Volume { grid, .. }, scattering, .. } = &scene.medium;
+    let kept = optics::kept(scattering, settings.zenith_angles);
+    let parts = kept * largest * grid.spacing / settings.cell_depth;
     let most = DVec3::splat(settings.most_parts as f64);
-    parts.ceil().clamp(DVec3::ONE, most).to_array().map(|n| n as usize)
+    let mut parts = parts.ceil().clamp(DVec3::ONE, most).to_array().map(|n| n as usize);
+    for (axis, index) in [(0, 2), (1, 1)] {
+        if scene.boundary == Boundary::Periodic && grid.shape[index] == 1 {
+            parts[axis] = 1;
+        }
+    }
+    parts
 }
 
 fn standard(values: &Array3<f32>) -> Vec<f32> {

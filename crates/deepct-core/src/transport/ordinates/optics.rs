@@ -5,7 +5,7 @@
 //! Nakajima and Tanaka 1988).
 
 use super::lattice::{Lattice, index};
-use super::quadrature::degrees;
+use super::quadrature::{Quadrature, degrees, degrees_of};
 use crate::grid::Grid;
 use crate::optics::Scattering;
 
@@ -25,13 +25,13 @@ impl Optics {
         scattering: &Scattering,
         voxels: &Grid,
         lattice: &Lattice,
-        harmonics: usize,
+        quadrature: &Quadrature,
     ) -> Self {
         let rows = match scattering {
             Scattering::Uniform { .. } => lattice.len().min(1),
             Scattering::Droplets { .. } => lattice.len(),
         };
-        let count = harmonics.isqrt();
+        let (harmonics, count) = (quadrature.harmonics, quadrature.degrees);
         let (mut scattered, mut kept) = (Vec::new(), Vec::new());
         for row in 0..rows {
             let corners = lattice.voxels_of(row);
@@ -88,7 +88,8 @@ impl Optics {
 }
 
 /// Extinction without the peak over extinction, of droplets of a middle size.
-pub(super) fn kept(scattering: &Scattering, degrees: usize) -> f64 {
+pub(super) fn kept(scattering: &Scattering, zenith_angles: usize) -> f64 {
+    let degrees = degrees_of(zenith_angles);
     let (albedo, phase_function) = match scattering {
         Scattering::Uniform { single_scattering_albedo, phase_function } => {
             (*single_scattering_albedo, phase_function)
