@@ -33,6 +33,10 @@ pub(crate) struct Args {
 enum Choice {
     /// Plane-parallel layers
     Slabs,
+    /// The same by the deterministic solver, in thin and in thick cells
+    Layers,
+    /// Derivatives by the deterministic solver, of a simulated cumulus too with --reference
+    Gradients,
     /// Isolated cubes and a sphere
     Cubes,
     /// The step cloud of I3RC
@@ -49,6 +53,8 @@ impl Choice {
     fn suites(self, reference: bool) -> Vec<Suite> {
         match self {
             Self::Slabs => vec![Suite::Slabs],
+            Self::Layers => vec![Suite::Layers],
+            Self::Gradients => vec![Suite::Gradients],
             Self::Cubes => vec![Suite::Cubes],
             Self::Step => vec![Suite::Step],
             Self::Mie => vec![Suite::Mie],
@@ -90,13 +96,13 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
     Ok(if failed == 0 { Outcome::Success } else { Outcome::CheckFailed })
 }
 
-const HEADER: &str = "suite  case                                                            \
+const HEADER: &str = "suite     case                                                            \
                       value     error  reference tolerance verdict seconds";
 
 fn line(row: &Row) -> String {
     let verdict = if row.passed { "passed" } else { "FAILED" };
     format!(
-        "{:6} {:58} {:10.6} {:9.6} {:10.6} {:9.6} {verdict:7} {:7.2}",
+        "{:9} {:58} {:10.6} {:9.6} {:10.6} {:9.6} {verdict:7} {:7.2}",
         row.suite.name(),
         row.case,
         row.value,

@@ -24,6 +24,8 @@ pub enum Purpose {
     Dataset = 4,
     /// The sensitivity to each voxel in an inversion.
     Inversion = 5,
+    /// What a validation looks at.
+    Validation = 6,
 }
 
 /// The stream of `seed` for `purpose` and `indices`.

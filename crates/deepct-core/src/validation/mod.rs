@@ -6,6 +6,8 @@
 
 mod cubes;
 mod droplets;
+mod gradients;
+mod layers;
 #[cfg(feature = "files")]
 mod rico;
 mod slabs;
@@ -26,6 +28,10 @@ use std::time::Instant;
 pub enum Suite {
     /// Plane-parallel layers: discrete ordinates, H functions.
     Slabs,
+    /// The same layers by the deterministic solver, in thin and in thick cells.
+    Layers,
+    /// Derivatives by the deterministic solver against finite differences.
+    Gradients,
     /// Isolated cubes and a sphere.
     Cubes,
     /// The step cloud of the I3RC project.
@@ -39,12 +45,22 @@ pub enum Suite {
 
 impl Suite {
     /// All suites.
-    pub const ALL: [Self; 5] = [Self::Slabs, Self::Cubes, Self::Step, Self::Mie, Self::Rico];
+    pub const ALL: [Self; 7] = [
+        Self::Slabs,
+        Self::Layers,
+        Self::Gradients,
+        Self::Cubes,
+        Self::Step,
+        Self::Mie,
+        Self::Rico,
+    ];
 
     /// Its name on the command line.
     pub fn name(self) -> &'static str {
         match self {
             Self::Slabs => "slabs",
+            Self::Layers => "layers",
+            Self::Gradients => "gradients",
             Self::Cubes => "cubes",
             Self::Step => "step",
             Self::Mie => "mie",
@@ -166,6 +182,8 @@ pub fn validate(
     let report = Report { suite, effort, started: Instant::now(), row };
     match suite {
         Suite::Slabs => slabs::run(report),
+        Suite::Layers => layers::run(report),
+        Suite::Gradients => gradients::run(report, reference),
         Suite::Cubes => cubes::run(report),
         Suite::Step => step::run(report),
         Suite::Mie => droplets::run(report, reference),

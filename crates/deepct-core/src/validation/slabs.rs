@@ -17,7 +17,7 @@ const FIFTH_DIGIT: f64 = 0.5e-5;
 /// reflectance and, where it is tabulated, transmittance. The first three are DISORT's
 /// published tests (van de Hulst 1980; Garcia and Siewert 1985); the others were made
 /// with discrete ordinates, 32 and 48 streams agreeing to five digits.
-const FLUXES: [(f64, f64, f64, f64, f64, Option<f64>); 22] = [
+pub(super) const FLUXES: [(f64, f64, f64, f64, f64, Option<f64>); 22] = [
     (1.0, 1.0, 0.75, 1.0, 0.078742, Some(0.921258)),
     (8.0, 1.0, 0.75, 1.0, 0.506418, Some(0.493580)),
     (32.0, 1.0, 0.0, 0.1, 0.97845, Some(0.02155)),
@@ -44,14 +44,14 @@ const FLUXES: [(f64, f64, f64, f64, f64, Option<f64>); 22] = [
 
 /// Cosine of the Sun's zenith and plane albedo of a semi-infinite isotropic medium
 /// with single-scattering albedo 0.99: `1 - sqrt(1 - w) H(mu0)` (Chandrasekhar 1950).
-const SEMI_INFINITE: [(f64, f64); 3] = [(0.1, 0.87751), (0.5, 0.81514), (1.0, 0.75272)];
+pub(super) const SEMI_INFINITE: [(f64, f64); 3] = [(0.1, 0.87751), (0.5, 0.81514), (1.0, 0.75272)];
 
 /// Cosine of the view's zenith; radiance up at the top and down at the bottom of DISORT's
 /// test problem of optical depth 8, asymmetry 0.75, a beam of flux pi from the zenith. By
 /// adding and doubling with 64 points (`tests/fixtures/doubling.py`; the same digits with
 /// 32 and 96). What is published with DISORT, from 16 streams, is up to 1.3e-3 of that off:
 /// up 0.493302, 0.519598, 0.379740, down 0.669581, 0.422350, 0.236362.
-const RADIANCES: [(f64, f64, f64); 3] =
+pub(super) const RADIANCES: [(f64, f64, f64); 3] =
     [(1.0, 0.492696, 0.670016), (0.5, 0.519705, 0.422354), (0.1, 0.379975, 0.236388)];
 
 /// Chandrasekhar's H function of conservative isotropic scattering.
