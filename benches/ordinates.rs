@@ -1,10 +1,14 @@
 //! The deterministic solver on a real cloud, beside the images of two other codes.
 //!
-//! `ordinates FOLDER [ASYMMETRY [ZENITH_ANGLES]]` computes the five views of the cloud in
-//! FOLDER (rico32_cloud.nc, rico32_views.nc) one after the other and prints a row for each:
+//! `ordinates FOLDER [ASYMMETRY [ZENITH_ANGLES [PATHS]]]` computes the five views of the cloud
+//! in FOLDER (rico32_cloud.nc, rico32_views.nc) one after the other and prints a row for each:
 //! the view mean against those of Mitsuba and of SHDOM, the mean absolute difference of the
 //! pixels from SHDOM's over the mean, the sweeps and the seconds, those of the first
 //! solution in the first row.
+//!
+//! PATHS is a folder with VIEW.bin of each view by `render_timer FOLDER VIEW ASYMMETRY SAMPLES
+//! never PATHS/VIEW.bin`: the same against random paths, and the mean absolute difference
+//! that the noise of the paths makes alone.
 
 use deepct_core::io::{read_reference_view, read_volume};
 use deepct_core::optics::{Interpolation, Medium, PhaseFunction};
@@ -23,6 +27,7 @@ fn main() -> Result<(), AnyError> {
     let folder = Path::new(arguments.first().ok_or("ordinates FOLDER [ASYMMETRY [ANGLES]]")?);
     let asymmetry: f64 = arguments.get(1).map_or(Ok(0.85), |text| text.parse())?;
     let zenith_angles = arguments.get(2).map_or(Ok(8), |text| text.parse())?;
+    let paths = arguments.get(3).map(Path::new);
     let mark = if asymmetry == 0.0 { "g000" } else { "g085" };
     let extinction = read_volume(folder.join("rico32_cloud.nc"))?;
     let phase = PhaseFunction::henyey_greenstein(asymmetry)?;
@@ -31,7 +36,9 @@ fn main() -> Result<(), AnyError> {
     let scene = Scene::new(medium, Sun::from_degrees(SUN_ZENITH_DEG, 225.0)?, Surface::BLACK)?;
     let settings = OrdinatesSettings { zenith_angles, ..Default::default() };
     let mut model: Option<OrdinatesModel> = None;
-    println!("view      mean      to Mitsuba  to SHDOM  pixels  sweeps  seconds");
+    println!(
+        "view      mean      to Mitsuba  to SHDOM  pixels  to paths  pixels   noise  sweeps  seconds"
+    );
     for name in ["nadir", "plus26", "minus26", "plus46", "minus46"] {
         let expected = read_reference_view(&folder.join("rico32_views.nc"), name, mark)?;
         let start = Instant::now();
@@ -49,8 +56,12 @@ fn main() -> Result<(), AnyError> {
         let (sum, sum_of) =
             (found.iter().sum::<f64>(), |values: &[f64]| values.iter().sum::<f64>());
         let apart: f64 = found.iter().zip(&expected.shdom).map(|(a, b)| (a - b).abs()).sum();
+        let against_paths = match paths {
+            Some(folder) => beside_paths(&folder.join(format!("{name}.bin")), &found, flux)?,
+            None => format!("{:>8}  {:>6}  {:>6}", "", "", ""),
+        };
         println!(
-            "{name:<9} {:.6}  {:+9.2} %  {:+6.2} %  {:4.2} %  {:6}  {seconds:7.2}",
+            "{name:<9} {:.6}  {:+9.2} %  {:+6.2} %  {:4.2} %  {against_paths}  {:6}  {seconds:7.2}",
             sum / found.len() as f64,
             100.0 * (sum / sum_of(&expected.mitsuba) - 1.0),
             100.0 * (sum / sum_of(&expected.shdom) - 1.0),
@@ -60,4 +71,19 @@ fn main() -> Result<(), AnyError> {
         model = Some(solver);
     }
     Ok(())
+}
+
+/// What pixels and their mean differ from those of random paths, in per cent.
+fn beside_paths(file: &Path, found: &[f64], flux: f64) -> Result<String, AnyError> {
+    let bytes = std::fs::read(file)?;
+    let (numbers, _) = bytes.as_chunks::<8>();
+    let numbers: Vec<f64> = numbers.iter().map(|n| flux * f64::from_le_bytes(*n)).collect();
+    let (radiance, error) = numbers.split_at(found.len());
+    let all: f64 = radiance.iter().sum();
+    let apart: f64 = found.iter().zip(radiance).map(|(a, b)| (a - b).abs()).sum();
+    // The mean of the absolute value of a normal variable.
+    let noise = (2.0 / std::f64::consts::PI).sqrt() * error.iter().sum::<f64>();
+    let share = |sum: f64| 100.0 * sum / all;
+    let mean = share(found.iter().sum::<f64>() - all);
+    Ok(format!("{mean:+6.2} %  {:4.2} %  {:4.2} %", share(apart), share(noise)))
 }
