@@ -40,7 +40,7 @@ const TABLE: [(&str, &[&str]); 21] = [
     ("io", &["cloud", "grid", "image", "inversion", "network", "scene"]),
     ("plot", &["grid", "image", "metrics"]),
     // The cases with known answers: each is a scene and what transport makes of it.
-    ("validation", &["cloud", "grid", "image", "io", "optics", "scene", "transport"]),
+    ("validation", &["cloud", "grid", "image", "io", "optics", "rng", "scene", "transport"]),
     (
         "dataset",
         &[
