@@ -120,43 +120,61 @@ fn status(line: &str) -> f64 {
     value.and_then(|value| value.parse::<f64>().ok()).map_or(f64::NAN, |kib| 1024.0 * kib)
 }
 
-/// Asymmetry, optical depth, reflectance under a Sun in the zenith without absorption:
-/// discrete ordinates, 32 and 48 streams agreeing to five digits.
-const LAYERS: [(f64, f64, f64); 3] =
-    [(0.0, 8.0, 0.82180), (0.85, 8.0, 0.35843), (0.85, 16.0, 0.55721)];
+/// Asymmetry, optical depth, zenith angle of the Sun (degrees), reflectance without
+/// absorption: discrete ordinates, 32 and 48 streams agreeing to five digits.
+const LAYERS: [(f64, f64, f64, f64); 8] = [
+    (0.0, 8.0, 0.0, 0.82180),
+    (0.0, 8.0, 60.0, 0.87665),
+    (0.85, 1.0, 0.0, 0.04232),
+    (0.85, 1.0, 60.0, 0.16488),
+    (0.85, 8.0, 0.0, 0.35843),
+    (0.85, 8.0, 60.0, 0.55808),
+    (0.85, 16.0, 0.0, 0.55721),
+    (0.85, 16.0, 60.0, 0.69740),
+];
 /// Optical depths of a cell.
 const CELLS: [f64; 5] = [0.25, 0.5, 1.0, 2.0, 4.0];
 
 /// Layers in cells that are not split.
 fn layers() -> Result<(), AnyError> {
     println!("\nreflectance of layers, error by optical depth of a cell");
-    println!("g      depth {}", CELLS.map(|cell| format!("{cell:>9}")).concat());
-    for (asymmetry, depth, expected) in LAYERS {
+    println!("g      depth Sun   {}", CELLS.map(|cell| format!("{cell:>9}")).concat());
+    for (asymmetry, depth, sun_zenith_deg, expected) in LAYERS {
         let errors = CELLS.map(|cell| {
-            let found = reflectance(asymmetry, depth, (depth / cell) as usize);
+            // A layer that is thinner than the cell is one cell.
+            let cells = (depth / cell).max(1.0) as usize;
+            let found = reflectance(asymmetry, depth, sun_zenith_deg, cells);
             found.map(|found| format!("{:+7.2} %", 100.0 * (found / expected - 1.0)))
         });
         let errors: Vec<String> = errors.into_iter().collect::<Result<_, _>>()?;
-        println!("{asymmetry:<6} {depth:<5} {}", errors.concat());
+        println!("{asymmetry:<6} {depth:<5} {sun_zenith_deg:<5} {}", errors.concat());
     }
     Ok(())
 }
 
-fn reflectance(asymmetry: f64, depth: f64, cells: usize) -> Result<f64, AnyError> {
+fn reflectance(
+    asymmetry: f64,
+    depth: f64,
+    sun_zenith_deg: f64,
+    cells: usize,
+) -> Result<f64, AnyError> {
     // So wide that hardly any light goes from one side to the other.
     let spacing = DVec3::new(10.0, 10.0, 1.0 / cells as f64);
     let grid = Grid::new(DVec3::ZERO, spacing, [cells, 1, 1])?;
     let extinction = Volume::constant(grid, depth as f32);
-    let scene = scene(extinction.clone(), asymmetry, 0.0)?.with_boundary(Boundary::Periodic);
+    let scene =
+        scene(extinction.clone(), asymmetry, sun_zenith_deg)?.with_boundary(Boundary::Periodic);
     // The middles of equal shares of the flux of a hemisphere.
-    let count = 40;
+    let (zeniths, azimuths) = (40, 16);
     let view = |number: usize| {
-        let cosine = ((number as f64 + 0.5) / count as f64).sqrt();
+        let share = ((number / azimuths) as f64 + 0.5) / zeniths as f64;
+        let azimuth = 2.0 * PI * ((number % azimuths) as f64 + 0.5) / azimuths as f64;
         let target = DVec3::new(5.0, 5.0, 1.0);
-        View::orthographic(towards(cosine.acos(), 0.4), target, 1e-3, [1, 1])
+        View::orthographic(towards(share.sqrt().acos(), azimuth), target, 1e-3, [1, 1])
     };
-    let views: Vec<View> = (0..count).map(view).collect::<Result<_, _>>()?;
+    let views: Vec<View> = (0..zeniths * azimuths).map(view).collect::<Result<_, _>>()?;
     let settings = OrdinatesSettings { cell_depth: 1e3, ..Default::default() };
     let images = OrdinatesModel::new(&scene, &views, None, &settings)?.images(&extinction)?;
-    Ok(PI * f64::from(images.values.mean().unwrap_or(0.0)))
+    let mean = f64::from(images.values.mean().unwrap_or(0.0));
+    Ok(PI * mean / sun_zenith_deg.to_radians().cos())
 }

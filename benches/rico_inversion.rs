@@ -1,9 +1,11 @@
 //! A cloud from the images of another code: the five views that Mitsuba made of the RICO
 //! cloud.
 //!
-//! `rico_inversion FOLDER [ASYMMETRY [constant|trilinear]]` inverts the views of FOLDER
-//! (rico32_cloud.nc, rico32_views.nc), all in one plane and with the Sun in it, inside the mask
-//! that is carved from them, from 0.01 /km, and prints a row for each step.
+//! `rico_inversion FOLDER [ASYMMETRY [constant|trilinear [AGREEMENT TYPICAL_GRADIENT
+//! MODEL_ERROR LEAST_ERROR]]]` inverts the views of FOLDER (rico32_cloud.nc, rico32_views.nc),
+//! all in one plane and with the Sun in it, inside the mask that is carved from them, from
+//! 0.01 /km, and prints a row for each step. The last four are settings of the carving and of
+//! the inversion.
 
 use deepct_core::carve::{CarveSettings, carve};
 use deepct_core::grid::Volume;
@@ -26,7 +28,8 @@ const SUN_ZENITH_DEG: f64 = 30.0;
 
 fn main() -> Result<(), AnyError> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
-    let usage = "rico_inversion FOLDER [ASYMMETRY [constant|trilinear]]";
+    let usage = "rico_inversion FOLDER [ASYMMETRY [constant|trilinear [AGREEMENT TYPICAL_GRADIENT \
+                 MODEL_ERROR LEAST_ERROR]]]";
     let folder = Path::new(arguments.first().ok_or(usage)?);
     let asymmetry: f64 = arguments.get(1).map_or(Ok(0.0), |text| text.parse())?;
     let interpolation = match arguments.get(2).map(String::as_str) {
@@ -34,6 +37,13 @@ fn main() -> Result<(), AnyError> {
         Some("trilinear") => Interpolation::Trilinear,
         Some(_) => return Err(usage.into()),
     };
+    let (mut carving, mut settings) = (CarveSettings::default(), InversionSettings::default());
+    if let Some(numbers) = arguments.get(3..).filter(|numbers| !numbers.is_empty()) {
+        let [agreement, gradient, model, least] = numbers else { return Err(usage.into()) };
+        carving.agreement = agreement.parse()?;
+        settings.typical_gradient = gradient.parse()?;
+        (settings.model_error, settings.least_error) = (model.parse()?, least.parse()?);
+    }
     let truth = read_volume(folder.join("rico32_cloud.nc"))?;
     let phase = PhaseFunction::henyey_greenstein(asymmetry)?;
     let nothing = Volume::constant(truth.grid, 0.0);
@@ -47,13 +57,12 @@ fn main() -> Result<(), AnyError> {
         .map(|name| read_reference_view(&file, name, mark))
         .collect::<Result<_, _>>()?;
     let observation = observe(&scene, &views)?;
-    let mask = carve(&observation, &truth.grid, &CarveSettings::default())?.mask;
+    let mask = carve(&observation, &truth.grid, &carving)?.mask;
     println!("mask: {} of {} voxels", mask.count(), mask.grid.len());
     println!("blocks  step   misfit  epsilon    delta  seconds");
     let mut models =
         OrdinatesModels::new(scene, observation.views.clone(), OrdinatesSettings::default());
     let problem = Problem { observation: &observation, mask: &mask, truth: Some(&truth) };
-    let settings = InversionSettings::default();
     invert(&problem, &mut models, &Start::Constant(0.01), &settings, &Rows)?;
     Ok(())
 }
