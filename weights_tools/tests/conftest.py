@@ -148,6 +148,7 @@ def weights_metadata(views: int, levels: int) -> dict:
         "image_layout": "camera",
         "horizontal_spacing_km": [0.05, 0.05],
         "levels": {"bottom_km": 0.48, "count": levels, "spacing_km": 0.04},
+        "outputs": ["extinction"],
         "input_scale": 5.0,
         "output_scale": 20.0,
         "training": {"data": "none", "identity": "none", "samples": 0, "seed": 0},

@@ -174,6 +174,41 @@ def test_the_loss_by_hand():
         assert loss_of(recipe, truth, estimate).item() == pytest.approx(expected)
 
 
+def test_an_uncertainty_is_judged_by_the_error_and_leaves_it_alone():
+    truth = torch.tensor([[1.0, 3.0], [0.0, 2.0]]).reshape(2, 2, 1, 1)
+    # Absolute errors 1, 2 of the first cloud and none of the second.
+    estimate = torch.tensor([[2.0, 1.0, 1.5, 1.0], [0.0, 2.0, 0.0, 1.0]]).reshape(2, 4, 1, 1)
+    estimate.requires_grad_()
+    recipe = LossRecipe(squared=0.0, squared_by_cloud=1.0, uncertainty=2.0)
+    loss = loss_of(recipe, truth, estimate)
+    # Misses 0.5, -1 over 10, and 0, 1 over 4.
+    assert loss.item() == pytest.approx(0.25 + 2.0 * 0.5 * (1.25 / 10.0 + 1.0 / 4.0))
+    loss.backward()
+    # The gradient of the extinction is that of the squared error alone.
+    by_hand = 0.5 * 2.0 * torch.tensor([1.0, -2.0]) / 10.0
+    assert estimate.grad[0, :2].flatten().tolist() == pytest.approx(by_hand.tolist())
+
+
+def test_a_network_learns_how_wrong_it_is(data, tmp_path):
+    """One that cannot learn the clouds, which are random, still learns how far off it is."""
+    training = replace(RECIPE.training, epochs=60, learning_rate=0.01, neighbours=0.0)
+    network = replace(RECIPE.network, uncertainty=True)
+    run = Training(replace(RECIPE, network=network, training=training), data, tmp_path, CPU)
+    assert run.network.channels[-1] == 2 * data.levels
+    run.run(None, silent)
+    run.network.eval()
+    with torch.no_grad():
+        images = run._input(run.validation.radiance)
+        estimate, expected = run.network.layers(images).split(data.levels, 1)
+    error = (estimate * run.recipe.scaling.output_scale - run.validation.extinction).abs()
+    expected = expected * run.recipe.scaling.output_scale
+    assert expected.mean().item() == pytest.approx(error.mean().item(), rel=0.3)
+    cloudy = run.validation.extinction > 0.0
+    assert expected[cloudy].mean() > 5.0 * expected[~cloudy].mean()
+    metadata = load_checkpoint(tmp_path / BEST)["metadata"]
+    assert metadata["outputs"] == ["extinction", "uncertainty"]
+
+
 def test_recipes_that_ship_are_valid():
     from pathlib import Path
 

@@ -39,6 +39,7 @@ def check(
     """
     metadata = weights_metadata(weights)
     network, _ = load_network(checkpoint, metadata)
+    outputs = metadata.get("outputs", ["extinction"])
     random = np.random.default_rng(seed)
     errors = []
     with tempfile.TemporaryDirectory() as folder:
@@ -49,7 +50,7 @@ def check(
             write_images(images, radiance, metadata)
             _infer(deepct, images, weights, volume, algorithm)
             with h5py.File(volume, "r") as file:
-                found = file["extinction"][...].astype(np.float64)
+                found = np.concatenate([file[name][...] for name in outputs], dtype=np.float64)
             expected = answer(network, radiance, metadata)
             errors.append(_relative(found, expected))
     return errors
@@ -62,7 +63,7 @@ def _relative(found: np.ndarray, expected: np.ndarray) -> float:
 
 
 def answer(network: Network, radiance: np.ndarray, metadata: dict[str, Any]) -> np.ndarray:
-    """PyTorch's extinction (1/km) from images ``[view, row, col]``, computed in float64.
+    """All of PyTorch's outputs (1/km) from images ``[view, row, col]``, computed in float64.
 
     The parameters are those of ``network`` as they are; only the sums are free of the
     rounding of float32, so that the difference is all of ``deepct``'s.

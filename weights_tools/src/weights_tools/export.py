@@ -15,7 +15,7 @@ from weights_tools.errors import InputError
 from weights_tools.lift import lift_of
 from weights_tools.model import Network, network_from_state
 
-FORMAT_VERSION = 2
+FORMAT_VERSION = 3
 """Version of the metadata in a weights file."""
 
 METADATA_KEYS = (
@@ -26,6 +26,7 @@ METADATA_KEYS = (
     "input_scale",
     "levels",
     "output_scale",
+    "outputs",
     "scores",
     "target_altitude_km",
     "training",

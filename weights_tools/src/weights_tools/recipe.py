@@ -27,13 +27,23 @@ class NetworkRecipe:
     planes: int = 0
     """Horizontal planes that the images are laid on, in the middles of as many equal parts of
     the levels; 0 lets the images enter as the cameras took them."""
+    uncertainty: bool = False
+    """Whether the last layer also gives, after the extinction of each voxel, its expected
+    absolute error."""
+
+    @property
+    def outputs(self) -> list[str]:
+        """What the last layer gives, each with a channel for every level."""
+        return ["extinction", "uncertainty"] if self.uncertainty else ["extinction"]
 
     def channels(self, views: int, levels: int) -> list[int]:
         """Channels before, between and after the layers."""
         inputs = views * max(self.planes, 1)
         if self.width == 0:
-            return growing_channels(inputs, levels, self.layers)
-        return constant_channels(inputs, levels, self.layers, self.width)
+            channels = growing_channels(inputs, levels, self.layers)
+        else:
+            channels = constant_channels(inputs, levels, self.layers, self.width)
+        return [*channels[:-1], len(self.outputs) * levels]
 
     def image_layout(self, levels: dict[str, float]) -> str | dict[str, Any]:
         """How the images become channels, as a file of weights tells it."""
@@ -61,12 +71,15 @@ class LossRecipe:
     ``squared`` is the mean over voxels of the squared error of the scaled extinction. The
     others are means over clouds, in which a small or thin cloud counts as much as a large
     one: ``squared_by_cloud`` of the sum of squared errors over the sum of squares, and
-    ``relative`` of epsilon.
+    ``relative`` of epsilon. ``uncertainty`` counts where the network tells one: the sum of the
+    squares by which it misses the error that was made, over the sum of squares of the
+    extinction. What is expected of an absolute error makes it least.
     """
 
     squared: float = 1.0
     squared_by_cloud: float = 0.0
     relative: float = 0.0
+    uncertainty: float = 0.1
 
 
 @dataclass(frozen=True)
@@ -194,7 +207,11 @@ def _check(recipe: Recipe, path: Path) -> None:
             "0 where nothing is shifted",
         ),
         ("loss", min(getattr(loss, term.name) for term in fields(loss)) >= 0.0, "not negative"),
-        ("loss", max(getattr(loss, term.name) for term in fields(loss)) > 0.0, "not all zero"),
+        (
+            "loss",
+            max(loss.squared, loss.squared_by_cloud, loss.relative) > 0.0,
+            "not zero for all of the extinction",
+        ),
     )
     for key, holds, rule in limits:
         if not holds:

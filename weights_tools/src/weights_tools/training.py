@@ -127,7 +127,7 @@ class Training:
             batches = radiance.split(self.recipe.training.batch)
             outputs = [self.network.layers(self._input(batch)).cpu() for batch in batches]
         self.network.train()
-        return torch.cat(outputs) * scaling.output_scale
+        return torch.cat(outputs)[:, : self.data.levels] * scaling.output_scale
 
     def _train_epoch(self, minutes: float | None, start: float) -> float:
         training, samples = self.recipe.training, self.data.train
@@ -161,8 +161,8 @@ class Training:
         self.optimizers.zero_grad()
         reduced = self.recipe.training.reduced_precision
         with torch.autocast(self.device.type, torch.bfloat16, enabled=reduced):
-            estimate = self.network.layers(images, self.recipe.training.leak)
-        loss = loss_of(self.recipe.loss, truth, estimate.float())
+            outputs = self.network.layers(images, self.recipe.training.leak)
+        loss = loss_of(self.recipe.loss, truth, outputs.float())
         loss.backward()
         self.optimizers.step(rate)
         return loss.item()
@@ -262,18 +262,26 @@ def learning_rate(training: TrainingRecipe, progress: float) -> float:
     return training.learning_rate * 0.5 * (1.0 + math.cos(math.pi * fall))
 
 
-def loss_of(recipe: LossRecipe, truth: Tensor, estimate: Tensor) -> Tensor:
-    """The loss of a batch of scaled extinction ``[n, z, y, x]``."""
+def loss_of(recipe: LossRecipe, truth: Tensor, outputs: Tensor) -> Tensor:
+    """The loss of a batch of scaled extinction ``[n, z, y, x]``; ``outputs`` are the network's,
+    its uncertainty after the extinction if it has one."""
+    estimate, uncertainty = outputs.split_with_sizes(
+        [truth.shape[1], outputs.shape[1] - truth.shape[1]], 1
+    )
     difference = estimate - truth
     loss = recipe.squared * difference.square().mean()
+    squares = truth.square().sum((1, 2, 3)).clamp_min(LEAST_CLOUD)
     if recipe.squared_by_cloud:
-        squares = truth.square().sum((1, 2, 3)).clamp_min(LEAST_CLOUD)
         by_cloud = difference.square().sum((1, 2, 3)) / squares
         loss = loss + recipe.squared_by_cloud * by_cloud.mean()
     if recipe.relative:
         amounts = truth.sum((1, 2, 3)).clamp_min(LEAST_CLOUD)
         epsilon = difference.abs().sum((1, 2, 3)) / amounts
         loss = loss + recipe.relative * epsilon.mean()
+    if uncertainty.numel():
+        # The error is what it is: it must not become what is easily told.
+        missed = (uncertainty - difference.detach().abs()).square().sum((1, 2, 3))
+        loss = loss + recipe.uncertainty * (missed / squares).mean()
     return loss
 
 
@@ -314,6 +322,7 @@ def _metadata(recipe: Recipe, data: Dataset, row: dict[str, float]) -> dict[str,
         **_layout(recipe, data),
         "formation": data.formation,
         "wavelength_um": data.wavelength_um,
+        "outputs": recipe.network.outputs,
         "input_scale": recipe.scaling.input_scale,
         "output_scale": recipe.scaling.output_scale,
         "training": {

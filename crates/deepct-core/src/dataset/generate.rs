@@ -12,6 +12,7 @@ use crate::optics::{self, DropletSettings, DropletTable, Medium};
 use crate::rng::{Purpose, RngExt, stream};
 use crate::scene::{Observation, Scene, Sun, Surface, View, view_geometry};
 use crate::transport::{self, Solver};
+use ndarray::Array3;
 use sha2::{Digest, Sha256};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -93,6 +94,9 @@ impl<'a> Workshop<'a> {
         if let Some(source) = settings.sources.iter().find(|source| source.every == 0) {
             let name = source.file.display();
             return Err(Error::out_of_range("every", format!("0 for {name}"), "at least 1"));
+        }
+        for variation in settings.sources.iter().filter_map(|source| source.variation) {
+            variation.check()?;
         }
         if Manifest::path(folder).exists() && Manifest::read(folder)?.configuration != *settings {
             return Err(Error::file(
@@ -193,7 +197,10 @@ impl<'a> Workshop<'a> {
             let mut rng = stream(self.settings.seed, Purpose::Dataset, &key);
             let [least, most] = self.settings.droplets_per_cm3;
             let droplets_per_cm3 = least * (most / least).powf(rng.random::<f64>());
-            let cloud = self.seed_droplets(&isolated.cloud, droplets_per_cm3);
+            let cloud = self.seed_droplets(&isolated.cloud, droplets_per_cm3, |water| {
+                let Some(variation) = source.variation else { return water };
+                variation.draw(&water, self.grid.spacing, &mut rng)
+            });
             let cloud = cloud.map_err(Error::in_file(&self.simulations.join(&source.file)))?;
             self.make(&cloud, &path)?;
         }
@@ -208,12 +215,17 @@ impl<'a> Workshop<'a> {
         Ok((sample, missing))
     }
 
-    /// The cloud on the grid of the samples, its water in so many droplets.
-    fn seed_droplets(&self, cloud: &Cloud, droplets_per_cm3: f64) -> Result<Cloud> {
+    /// The cloud on the grid of the samples, its water changed and in so many droplets.
+    fn seed_droplets(
+        &self,
+        cloud: &Cloud,
+        droplets_per_cm3: f64,
+        vary: impl FnOnce(Array3<f32>) -> Array3<f32>,
+    ) -> Result<Cloud> {
         let Some(droplets) = &cloud.microphysics else {
             return Err(Error::out_of_range("liquid water content", "missing", "in a cloud"));
         };
-        let water = &droplets.liquid_water_content * self.settings.water_share;
+        let water = vary(&droplets.liquid_water_content * self.settings.water_share);
         let droplets = Microphysics::from_droplet_number(water, droplets_per_cm3)?;
         Cloud::from_microphysics(self.grid, droplets)
     }

@@ -8,9 +8,11 @@
 
 mod check;
 mod generate;
+mod variation;
 
 pub use check::check;
 pub use generate::{Generated, generate};
+pub use variation::Variation;
 
 use crate::error::{Error, Result};
 use crate::image::ViewGeometry;
@@ -78,6 +80,9 @@ pub struct Source {
     pub every: usize,
     /// The most clouds taken of one snapshot, drawn at random.
     pub clouds: usize,
+    /// How they are changed; as the simulation made them where this is missing.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub variation: Option<Variation>,
 }
 
 /// The settings of the deterministic solver that a data set is computed with.
@@ -268,6 +273,7 @@ mod tests {
                 last: 0,
                 every: 1,
                 clouds: 9,
+                variation: None,
             }],
         }
     }

@@ -1,0 +1,186 @@
+//! Clouds that the simulation did not make: with another base, leaning in the wind, drier.
+
+use crate::error::{Error, Result};
+use crate::math::DVec3;
+use crate::rng::{Rng, RngExt};
+use ndarray::{Array3, ArrayView2, Axis};
+use serde::{Deserialize, Serialize};
+
+/// How far the clouds of a source are changed before they are seen, each by numbers of its own,
+/// drawn evenly. Nothing of a cloud is lost: it moves as far as it has room.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Variation {
+    /// Most levels that a cloud is raised or lowered by.
+    pub levels: usize,
+    /// Largest lean: how far the cloud is drawn out horizontally over a height (km per km),
+    /// in any direction, as by the shear of the wind.
+    pub lean: f64,
+    /// Least share of its water that a cloud keeps; 1 keeps all. One that dries out in clear air
+    /// has lost part of it.
+    pub least_water: f32,
+}
+
+impl Variation {
+    /// An error unless the numbers are in range.
+    ///
+    /// # Errors
+    /// A lean that is negative or not finite, a share of water that is not within 0 to 1.
+    pub(super) fn check(&self) -> Result<()> {
+        if !(self.lean >= 0.0 && self.lean.is_finite()) {
+            return Err(Error::out_of_range("variation.lean", self.lean, "0 or more"));
+        }
+        if !(self.least_water > 0.0 && self.least_water <= 1.0) {
+            let rule = "above 0 and at most 1";
+            return Err(Error::out_of_range("variation.least_water", self.least_water, rule));
+        }
+        Ok(())
+    }
+
+    /// Another cloud out of the liquid water `[z, y, x]` of one, in voxels of `spacing` (km).
+    pub(super) fn draw(
+        &self,
+        water: &Array3<f32>,
+        spacing: DVec3,
+        rng: &mut impl Rng,
+    ) -> Array3<f32> {
+        let most = self.levels as i64;
+        let raise = rng.random_range(-most..=most);
+        let azimuth = std::f64::consts::TAU * rng.random::<f64>();
+        let lean = self.lean * rng.random::<f64>();
+        let kept = 1.0 - (1.0 - self.least_water) * rng.random::<f32>();
+
+        let wet = |k: usize| water.index_axis(Axis(0), k).iter().any(|water| *water > 0.0);
+        let levels = water.len_of(Axis(0));
+        let Some(base) = (0..levels).find(|k| wet(*k)) else { return water.clone() };
+        let top = (base..levels).rev().find(|k| wet(*k)).unwrap_or(base);
+        let raise = raise.clamp(-(base as i64), (levels - 1 - top) as i64);
+        let mut result = Array3::zeros(water.raw_dim());
+        for k in base..=top {
+            let height = (k as f64 - 0.5 * (base + top) as f64) * spacing.z;
+            let drift = [azimuth.cos() / spacing.y, azimuth.sin() / spacing.x]
+                .map(|voxels| (lean * height * voxels).round() as i64);
+            let level = water.index_axis(Axis(0), k);
+            let drift = within(level, drift);
+            let mut place = result.index_axis_mut(Axis(0), (k as i64 + raise) as usize);
+            for ((row, col), water) in level.indexed_iter().filter(|(_, water)| **water > 0.0) {
+                let at = [row, col].map(|line| line as i64);
+                let [row, col] = [0, 1].map(|axis| (at[axis] + drift[axis]) as usize);
+                place[[row, col]] = kept * water;
+            }
+        }
+        result
+    }
+}
+
+/// As much of a drift (rows, columns) as leaves the water of a level a clear column on each side,
+/// where it had one.
+fn within(level: ArrayView2<f32>, drift: [i64; 2]) -> [i64; 2] {
+    [0, 1].map(|axis| {
+        let lines = level.len_of(Axis(axis));
+        let wet = |line: &usize| level.index_axis(Axis(axis), *line).iter().any(|w| *w > 0.0);
+        let Some(first) = (0..lines).find(wet) else { return 0 };
+        let last = (first..lines).rev().find(wet).unwrap_or(first);
+        let before = (first as i64 - 1).max(0);
+        let after = (lines as i64 - 2 - last as i64).max(0);
+        drift[axis].clamp(-before, after)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::rng::{Purpose, stream};
+    use ndarray::s;
+
+    const SPACING: DVec3 = DVec3::new(0.05, 0.05, 0.04);
+
+    /// A tower of 2 x 2 columns and five levels whose water tells each voxel from each other.
+    fn tower() -> Array3<f32> {
+        Array3::from_shape_fn([12, 20, 20], |(k, j, i)| {
+            let inside = (3..8).contains(&k) && (9..11).contains(&j) && (9..11).contains(&i);
+            if inside { 0.1 + 0.01 * (k * 4 + (j - 9) * 2 + (i - 9)) as f32 } else { 0.0 }
+        })
+    }
+
+    fn draws(variation: Variation, water: &Array3<f32>) -> Vec<Array3<f32>> {
+        let mut rng = stream(3, Purpose::Dataset, &[]);
+        (0..60).map(|_| variation.draw(water, SPACING, &mut rng)).collect()
+    }
+
+    fn sum(water: &Array3<f32>) -> f64 {
+        water.iter().map(|water| f64::from(*water)).sum()
+    }
+
+    /// The middle of a level's water, (row, column).
+    fn middle(water: &Array3<f32>, k: usize) -> [f64; 2] {
+        let level = water.index_axis(Axis(0), k);
+        let total: f64 = level.iter().map(|water| f64::from(*water)).sum();
+        let moment = |axis: usize| {
+            let terms = level
+                .indexed_iter()
+                .map(|((row, col), water)| f64::from(*water) * [row, col][axis] as f64);
+            terms.sum::<f64>() / total
+        };
+        [moment(0), moment(1)]
+    }
+
+    #[test]
+    fn levels_move_as_far_as_there_is_room_and_nothing_else_changes() {
+        let variation = Variation { levels: 6, lean: 0.0, least_water: 1.0 };
+        let bases: Vec<usize> = draws(variation, &tower())
+            .iter()
+            .map(|cloud| {
+                let wet = |k: &usize| cloud.index_axis(Axis(0), *k).iter().any(|w| *w > 0.0);
+                let base = (0..12).find(wet).unwrap();
+                assert_eq!(
+                    cloud.slice(s![base..base + 5, .., ..]),
+                    tower().slice(s![3..8, .., ..])
+                );
+                base
+            })
+            .collect();
+        // Three levels are free below and four above.
+        assert_eq!(bases.iter().min(), Some(&0));
+        assert_eq!(bases.iter().max(), Some(&7));
+    }
+
+    #[test]
+    fn a_cloud_leans_evenly_and_keeps_its_water() {
+        let variation = Variation { levels: 0, lean: 1.5, least_water: 1.0 };
+        let mut farthest: f64 = 0.0;
+        for cloud in draws(variation, &tower()) {
+            assert!((sum(&cloud) / sum(&tower()) - 1.0).abs() < 1e-6);
+            let [low, mid, high] = [3, 5, 7].map(|k| middle(&cloud, k));
+            let still = middle(&tower(), 5);
+            assert!((mid[0] - still[0]).abs() < 1e-6 && (mid[1] - still[1]).abs() < 1e-6);
+            for axis in 0..2 {
+                // Of the tower's own middles, level by level, a hundredth of a voxel is left.
+                assert!((high[axis] + low[axis] - 2.0 * mid[axis]).abs() < 0.01);
+            }
+            let lean = (high[0] - low[0]).hypot(high[1] - low[1]) * 0.05 / (4.0 * 0.04);
+            // Each of four levels' drift is rounded to whole voxels.
+            assert!(lean < 1.5 + 0.05 * 2.0_f64.sqrt() / 0.16, "{lean}");
+            farthest = farthest.max(lean);
+        }
+        assert!(farthest > 1.2, "{farthest}");
+    }
+
+    #[test]
+    fn water_stays_inside_and_a_share_of_it_is_kept() {
+        let variation = Variation { levels: 3, lean: 50.0, least_water: 0.4 };
+        let shares: Vec<f64> =
+            draws(variation, &tower()).iter().map(|cloud| sum(cloud) / sum(&tower())).collect();
+        assert!(shares.iter().all(|share| (0.4..=1.0 + 1e-6).contains(share)), "{shares:?}");
+        let mean = shares.iter().sum::<f64>() / 60.0;
+        assert!((mean - 0.7).abs() < 4.0 * 0.6 / (12.0_f64.sqrt() * 60.0_f64.sqrt()), "{mean}");
+    }
+
+    #[test]
+    fn numbers_out_of_range_are_refused() {
+        let whole = Variation { levels: 1, lean: 0.2, least_water: 1.0 };
+        assert!(whole.check().is_ok());
+        assert!(Variation { lean: -1.0, ..whole }.check().is_err());
+        assert!(Variation { least_water: 0.0, ..whole }.check().is_err());
+    }
+}
