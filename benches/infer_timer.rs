@@ -25,7 +25,7 @@ fn main() -> Result<(), AnyError> {
     let bytes = std::fs::read(input)?;
     let (floats, _) = bytes.as_chunks::<4>();
     let values: Vec<f32> = floats.iter().map(|bytes| f32::from_le_bytes(*bytes)).collect();
-    let mut result = vec![0.0; batch * network.levels() * rows * cols];
+    let mut result = vec![0.0; batch * network.output_channels() * rows * cols];
     let mut scratch = network.scratch([batch, rows, cols])?;
     network.run(&values, &mut result, &mut scratch)?;
     let bytes: Vec<u8> = result.iter().flat_map(|value: &f32| value.to_le_bytes()).collect();

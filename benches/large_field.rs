@@ -25,7 +25,7 @@ impl<'a> Field<'a> {
         let pixels = size[0] * size[1];
         let value = |index: usize| 0.1 * ((index * 7919 + index / 97 * 31) % 128) as f32 / 128.0;
         let radiance = (0..network.views() * pixels).map(value).collect();
-        let mut extinction = vec![0.0; network.levels() * pixels];
+        let mut extinction = vec![0.0; network.output_channels() * pixels];
         // Written once, so that the memory is there before anything is measured.
         extinction.fill(1.0);
         let scratch = network.scratch([1, size[0], size[1]])?;

@@ -27,8 +27,9 @@ def test_deepct_gives_the_answer_of_pytorch(tmp_path, views, layers, algorithm):
 
 @pytest.mark.skipif(DEEPCT is None, reason="deepct is not on the PATH")
 @pytest.mark.parametrize("algorithm", TOLERANCES)
-def test_deepct_lays_images_on_planes_as_pytorch_does(tmp_path, algorithm):
-    metadata = planes_metadata([0.6, 0.95, 1.12, 1.61], 32)
+def test_deepct_lays_images_on_planes_and_gives_all_outputs_as_pytorch_does(tmp_path, algorithm):
+    metadata = planes_metadata([0.6, 0.95, 1.12, 1.61], 16)
+    metadata["outputs"] = ["extinction", "uncertainty"]
     network = seasoned_network([4 * 4, 24, 32])
     checkpoint = saved(tmp_path / "network.pt", network, True)
     export(checkpoint, tmp_path / "w.safetensors", metadata)

@@ -5,8 +5,8 @@ use crate::{Outcome, config};
 use deepct_core::carve::{CarveSettings, carve};
 use deepct_core::conv;
 use deepct_core::grid::{Mask, Volume};
-use deepct_core::io::{Provenance, load_weights, read_mask, read_observation, write_volume};
-use deepct_core::network::Network;
+use deepct_core::io::{Provenance, load_weights, read_mask, read_observation, write_estimate};
+use deepct_core::network::{Estimate, Network};
 use deepct_core::scene::{Observation, target};
 use deepct_core::{Error, Result};
 use std::path::{Path, PathBuf};
@@ -72,17 +72,18 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let convolution = settings.convolution.resolve()?;
     let network = Network::with_settings(&weights, convolution)?;
     let observation = read_observation(&args.images)?;
-    let mut volume = infer(&network, &observation).map_err(Error::in_file(&args.images))?;
+    let mut estimate = infer(&network, &observation).map_err(Error::in_file(&args.images))?;
     let rounding = match convolution.precision {
         conv::Precision::Single => None,
         conv::Precision::Bfloat16 => {
             let single = conv::Settings { precision: conv::Precision::Single, ..convolution };
             let exact = infer(&Network::with_settings(&weights, single)?, &observation)?;
-            Some(Rounding::between(&volume, &exact))
+            Some(Rounding::between(&estimate.extinction, &exact.extinction))
         }
     };
-    if let Some(mask) = find_mask(args, &observation, &volume)? {
-        mask.apply(&mut volume)?;
+    if let Some(mask) = find_mask(args, &observation, &estimate.extinction)? {
+        mask.apply(&mut estimate.extinction)?;
+        estimate.uncertainty.as_mut().map_or(Ok(()), |values| mask.apply(values))?;
     }
     let metadata = network.metadata();
     let resolved = Resolved {
@@ -99,12 +100,16 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
         configuration: toml::to_string(&resolved).expect("plain numbers and text"),
         seed: global.seed,
     };
-    write_volume(&args.out, &volume, &provenance)?;
+    write_estimate(&args.out, &estimate, &provenance)?;
     if !global.quiet {
-        let [levels, rows, cols] = volume.grid.shape;
-        let largest = volume.values.iter().copied().fold(0.0, f32::max);
+        let Volume { grid, values } = &estimate.extinction;
+        let [levels, rows, cols] = grid.shape;
+        let largest = values.iter().copied().fold(0.0, f32::max);
         println!("grid     {levels} levels of {rows} x {cols} columns");
         println!("largest  {largest:.3} km-1");
+        if let Some(epsilon) = estimate.expected_relative_error() {
+            println!("epsilon  {epsilon:.3} expected");
+        }
         if let Some(Rounding { largest, root_mean_square }) = rounding {
             println!(
                 "bfloat16 differs from single precision by {:.2} % of the largest value at most, \
@@ -138,11 +143,11 @@ impl Rounding {
     }
 }
 
-fn infer(network: &Network, observation: &Observation) -> Result<Volume> {
+fn infer(network: &Network, observation: &Observation) -> Result<Estimate> {
     let target = target(&observation.views)?;
     let geometry = observation.geometry();
     network.metadata().check_images(&geometry, target.z, observation.wavelength)?;
-    network.infer(&observation.images, [target.x, target.y])
+    network.estimate(&observation.images, [target.x, target.y])
 }
 
 /// The mask that was asked for, on the volume's grid.

@@ -88,23 +88,49 @@ impl Network {
         mask: Option<&Bound<'_, PyAny>>,
         wavelength_um: f64,
     ) -> PyResult<Py<PyArray3<f32>>> {
+        let estimate = self.estimate(py, radiance, views, sun, mask, wavelength_um)?;
+        Ok(estimate.0)
+    }
+
+    /// As `infer`, with the uncertainty.
+    ///
+    /// Returns
+    /// -------
+    /// extinction : numpy.ndarray, float32, [z, y, x]
+    ///     Extinction (1/km) on `grid(views)`.
+    /// uncertainty : numpy.ndarray, float32, [z, y, x], or None
+    ///     Expected absolute error of the extinction of each voxel (1/km), where the weights
+    ///     tell it.
+    #[pyo3(signature = (radiance, views, sun = None, *, mask = None, wavelength_um = 0.672))]
+    fn estimate(
+        &self,
+        py: Python<'_>,
+        radiance: &Bound<'_, PyAny>,
+        views: ViewSequence,
+        sun: Option<Sun>,
+        mask: Option<&Bound<'_, PyAny>>,
+        wavelength_um: f64,
+    ) -> PyResult<(Py<PyArray3<f32>>, Option<Py<PyArray3<f32>>>)> {
         let radiance = Floats::new(radiance, "radiance", IMAGES)?.to_owned();
         let mask = mask.map(|mask| booleans(mask, "mask", VOLUME)).transpose()?;
         let sun = sun.map_or_else(scene::Sun::default, |sun| sun.0);
-        let extinction = py
+        let estimate = py
             .detach(|| {
                 let observation = Observation::new(sun, views.0, ViewStack::new(radiance)?)?;
                 let target = target(&observation.views)?;
                 let metadata = self.0.metadata();
                 metadata.check_images(&observation.geometry(), target.z, wavelength_um)?;
-                let mut extinction = self.0.infer(&observation.images, [target.x, target.y])?;
+                let mut estimate = self.0.estimate(&observation.images, [target.x, target.y])?;
                 if let Some(mask) = mask {
-                    Mask::new(extinction.grid, mask)?.apply(&mut extinction)?;
+                    let mask = Mask::new(estimate.extinction.grid, mask)?;
+                    mask.apply(&mut estimate.extinction)?;
+                    estimate.uncertainty.as_mut().map_or(Ok(()), |values| mask.apply(values))?;
                 }
-                Ok(extinction)
+                Ok(estimate)
             })
             .map_err(raise)?;
-        Ok(give(py, extinction.values))
+        let uncertainty = estimate.uncertainty.map(|volume| give(py, volume.values));
+        Ok((give(py, estimate.extinction.values), uncertainty))
     }
 
     fn __repr__(&self) -> String {

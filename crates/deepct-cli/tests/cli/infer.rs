@@ -1,11 +1,13 @@
 use crate::program::Program;
 use deepct_core::grid::{Grid, Mask};
 use deepct_core::image::ViewStack;
-use deepct_core::io::{Provenance, read_volume, write_mask, write_observation, write_weights};
+use deepct_core::io::{
+    Provenance, read_estimate, read_mask, read_volume, write_mask, write_observation, write_weights,
+};
 use deepct_core::math::DVec3;
 use deepct_core::network::{
-    Architecture, FORMAT_VERSION, ImageLayout, LayerWeights, Levels, Network, Planes, Training,
-    Weights, WeightsMetadata,
+    Architecture, FORMAT_VERSION, ImageLayout, LayerWeights, Levels, Network, NetworkOutput,
+    Planes, Training, Weights, WeightsMetadata,
 };
 use deepct_core::scene::{Formation, Observation, Sun};
 use ndarray::{Array1, Array3, Array4};
@@ -51,6 +53,7 @@ fn weights(observation: &Observation, image_layout: ImageLayout) -> Weights {
         image_layout,
         horizontal_spacing_km: [0.05, 0.05],
         levels: Levels { bottom_km: 0.88, count: 6, spacing_km: 0.04 },
+        outputs: vec![NetworkOutput::Extinction],
         input_scale: 5.0,
         output_scale: 20.0,
         training: Training {
@@ -113,6 +116,32 @@ fn images_are_laid_on_the_planes_of_the_weights() {
         "infer N.nc --weights parallel.safetensors --out V.nc",
         &["N.nc", "view 2: distance of the camera", "parallel rays"],
     );
+}
+
+#[test]
+fn an_uncertainty_is_written_beside_the_extinction() {
+    let program = Program::new();
+    let (observation, mut weights) = files(&program);
+    weights.metadata.outputs.push(NetworkOutput::Uncertainty);
+    weights.metadata.levels.count = 3;
+    write_weights(program.path("U.safetensors"), &weights).unwrap();
+    let text = program.succeed("infer N.nc --weights U.safetensors --out V.nc");
+    let network = Network::new(&weights).unwrap();
+    let expected = network.estimate(&observation.images, [TARGET.x, TARGET.y]).unwrap();
+    let written = read_estimate(program.path("V.nc")).unwrap();
+    assert_eq!(written.extinction.values, expected.extinction.values);
+    let uncertainty = written.uncertainty.unwrap().values;
+    assert_eq!(uncertainty, expected.uncertainty.unwrap().values);
+    let share = uncertainty.sum() / written.extinction.values.sum();
+    assert!(text.contains(&format!("epsilon  {share:.3} expected")), "{text}");
+
+    program.succeed("infer N.nc --weights U.safetensors --carve --out carved.nc");
+    program.succeed("carve N.nc --grid carved.nc --out C.nc");
+    let mask = read_mask(program.path("C.nc")).unwrap();
+    let carved = read_estimate(program.path("carved.nc")).unwrap().uncertainty.unwrap();
+    for (voxel, carved) in carved.values.indexed_iter() {
+        assert_eq!(*carved, if mask.values[voxel] { uncertainty[voxel] } else { 0.0 });
+    }
 }
 
 #[test]

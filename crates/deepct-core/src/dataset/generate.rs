@@ -1,6 +1,6 @@
 //! The making of a data set: snapshot by snapshot, cloud by cloud, resumable.
 
-use super::{DatasetSettings, FORMAT, Manifest, Sample, Source};
+use super::{DatasetSettings, FORMAT, Light, Manifest, Sample, Source};
 use crate::cloud::{self, Cloud, IsolateSettings, Isolated, Microphysics};
 use crate::error::{Error, Result};
 use crate::grid::Grid;
@@ -8,7 +8,7 @@ use crate::io::import::{ImportSettings, import_cloud};
 use crate::io::{self, Provenance};
 use crate::math::DVec3;
 use crate::optics::air::Air;
-use crate::optics::{self, DropletSettings, DropletTable, Medium};
+use crate::optics::{DropletSettings, DropletTable, Medium};
 use crate::rng::{Purpose, RngExt, stream};
 use crate::scene::{Observation, Scene, Sun, Surface, View, view_geometry};
 use crate::transport::{self, Solver};
@@ -202,7 +202,7 @@ impl<'a> Workshop<'a> {
                 variation.draw(&water, self.grid.spacing, &mut rng)
             });
             let cloud = cloud.map_err(Error::in_file(&self.simulations.join(&source.file)))?;
-            self.make(&cloud, &path)?;
+            self.make(&cloud, source.light, &path)?;
         }
         let sample = Sample {
             sha256: sha256(&path)?,
@@ -231,10 +231,13 @@ impl<'a> Workshop<'a> {
     }
 
     /// Render one cloud and write the sample.
-    fn make(&self, cloud: &Cloud, path: &Path) -> Result<()> {
-        let truth = optics::droplet_extinction(cloud, &self.droplets)?;
-        let medium = Medium::from_droplets(cloud, Arc::clone(&self.droplets))?;
-        let scene = Scene { air: self.air, ..Scene::new(medium, self.sun, self.surface)? };
+    fn make(&self, cloud: &Cloud, light: Light, path: &Path) -> Result<()> {
+        let (medium, air) = match light {
+            Light::Droplets => (Medium::from_droplets(cloud, self.droplets.clone())?, self.air),
+            Light::Plain => (Medium::from_cloud(cloud)?, None),
+        };
+        let truth = medium.extinction.clone();
+        let scene = Scene { air, ..Scene::new(medium, self.sun, self.surface)? };
         let solver = Solver::Ordinates(self.settings.solver.resolve());
         let images = transport::render(&scene, &self.views, &solver, &())?.images;
         let mut observation = Observation::new(self.sun, self.views.clone(), images)?;

@@ -83,6 +83,27 @@ pub struct Source {
     /// How they are changed; as the simulation made them where this is missing.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub variation: Option<Variation>,
+    /// How its clouds scatter light.
+    #[serde(default, skip_serializing_if = "Light::is_of_droplets")]
+    pub light: Light,
+}
+
+/// How the clouds of a source scatter light, and in what.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Light {
+    /// Each voxel as its droplets do, by Mie's theory, in air if the settings have it.
+    #[default]
+    Droplets,
+    /// All alike, by the function of Henyey and Greenstein, without air: what `deepct render`
+    /// does unless it is told otherwise.
+    Plain,
+}
+
+impl Light {
+    fn is_of_droplets(&self) -> bool {
+        *self == Self::Droplets
+    }
 }
 
 /// The settings of the deterministic solver that a data set is computed with.
@@ -274,6 +295,7 @@ mod tests {
                 every: 1,
                 clouds: 9,
                 variation: None,
+                light: Light::Droplets,
             }],
         }
     }
@@ -306,6 +328,30 @@ mod tests {
         std::fs::remove_file(out.join(&manifest.samples[1].file)).unwrap();
         assert_eq!(run(&settings).unwrap(), Generated { samples: 2, made: 1 });
         assert_eq!(check(&out, &|_| ()).unwrap(), manifest);
+    }
+
+    /// What is darker without air and has the geometric extinction is the plain light.
+    #[test]
+    fn clouds_are_seen_in_the_light_of_their_source() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut settings = simulation(folder.path());
+        let plain = Source { light: Light::Plain, ..settings.sources[0].clone() };
+        settings.sources.push(plain);
+        let out = folder.path().join("set");
+        generate(&settings, folder.path(), &out, &|_| ()).unwrap();
+        let samples = Manifest::read(&out).unwrap().samples;
+        assert_eq!(samples.len(), 4);
+        let radius = crate::cloud::effective_radius(0.5, 100.0);
+        let [air, none] = [0, 2].map(|number| {
+            let path = out.join(&samples[number].file);
+            let largest =
+                io::read_volume(&path).unwrap().values.iter().copied().fold(0.0, f32::max);
+            (largest, io::read_observation(&path).unwrap().images.values[[5, 0, 0]])
+        });
+        assert!((none.0 / (1500.0 * 0.5 / radius) - 1.0).abs() < 1e-4 && air.0 > 1.02 * none.0);
+        // Straight down beside the cloud, an ocean of albedo 0.05 under the Sun at 30 degrees.
+        let ocean = 0.05 * 30.0_f32.to_radians().cos() / std::f32::consts::PI;
+        assert!((none.1 / ocean - 1.0).abs() < 0.05 && air.1 > 1.2 * none.1, "{air:?} {none:?}");
     }
 
     #[test]

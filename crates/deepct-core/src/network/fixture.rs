@@ -1,8 +1,8 @@
 //! Weights to test with.
 
 use super::{
-    Architecture, FORMAT_VERSION, ImageLayout, LayerWeights, Levels, Training, Weights,
-    WeightsMetadata,
+    Architecture, FORMAT_VERSION, ImageLayout, LayerWeights, Levels, NetworkOutput, Training,
+    Weights, WeightsMetadata,
 };
 use crate::image::ViewGeometry;
 use ndarray::{Array1, Array4};
@@ -51,6 +51,7 @@ pub(crate) fn metadata(channels: &[usize]) -> WeightsMetadata {
         image_layout: ImageLayout::Camera,
         horizontal_spacing_km: [0.05, 0.05],
         levels: Levels { bottom_km: 0.4, count, spacing_km: 0.04 },
+        outputs: vec![NetworkOutput::Extinction],
         input_scale: 10.0,
         output_scale: 5.0,
         training: Training { data: "none".into(), identity: "".into(), samples: 0, seed: 1 },

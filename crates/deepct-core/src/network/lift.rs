@@ -345,7 +345,7 @@ mod tests {
         let run = |images: &[f32]| {
             let clouds = images.len() / count;
             let mut scratch = network.scratch([clouds, size[0], size[1]]).unwrap();
-            let mut output = vec![f32::NAN; clouds * network.levels() * size[0] * size[1]];
+            let mut output = vec![f32::NAN; clouds * network.output_channels() * size[0] * size[1]];
             network.run(images, &mut output, &mut scratch).unwrap();
             output
         };

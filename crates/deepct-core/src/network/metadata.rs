@@ -7,8 +7,9 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
 /// The version of the metadata that this program writes. It reads this one and those before:
-/// version 1 had no planes and did not tell how far the cameras were.
-pub const FORMAT_VERSION: u32 = 2;
+/// version 1 had no planes and did not tell how far the cameras were; version 2 had no outputs
+/// but the extinction.
+pub const FORMAT_VERSION: u32 = 3;
 
 /// Largest difference of a view or of the Sun from what the weights are for (degrees).
 const ANGLE_TOLERANCE_DEG: f64 = 0.1;
@@ -19,6 +20,9 @@ const LEVEL_TOLERANCE: f64 = 0.1;
 /// Largest relative difference of the distance of a camera. It bends the edges of a field of
 /// 6 km by a fiftieth of a pixel.
 const DISTANCE_TOLERANCE: f64 = 0.1;
+
+/// What the last layer may give, in this order, the first always.
+const OUTPUTS: [NetworkOutput; 2] = [NetworkOutput::Extinction, NetworkOutput::Uncertainty];
 
 /// What weights are for, how they are used, and where they come from.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -42,9 +46,12 @@ pub struct WeightsMetadata {
     pub horizontal_spacing_km: [f64; 2],
     /// The altitudes of the output.
     pub levels: Levels,
+    /// What the channels of the last layer are, each with one for every level.
+    #[serde(default = "extinction_alone")]
+    pub outputs: Vec<NetworkOutput>,
     /// Input of the network = radiance (1/sr) x `input_scale`.
     pub input_scale: f64,
-    /// Extinction (1/km) = output of the network x `output_scale`.
+    /// What is told, in 1/km = output of the network x `output_scale`.
     pub output_scale: f64,
     /// What the weights were trained on.
     pub training: Training,
@@ -54,6 +61,20 @@ pub struct WeightsMetadata {
     pub program: String,
     /// The resolved configuration of the training.
     pub configuration: serde_json::Value,
+}
+
+/// What a network tells of each voxel.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum NetworkOutput {
+    /// Its extinction (1/km).
+    Extinction,
+    /// The expected absolute error of its extinction (1/km).
+    Uncertainty,
+}
+
+fn extinction_alone() -> Vec<NetworkOutput> {
+    vec![NetworkOutput::Extinction]
 }
 
 /// The altitudes of the output: channel `k` is the mean over
@@ -151,13 +172,18 @@ impl WeightsMetadata {
                 range,
             ));
         }
+        if ![&OUTPUTS[..1], &OUTPUTS[..]].contains(&&self.outputs[..]) {
+            let found = format!("{:?}", self.outputs);
+            let range = "[\"extinction\"] or [\"extinction\", \"uncertainty\"]";
+            return Err(Error::out_of_range("outputs", found, range));
+        }
         let levels = channels[channels.len() - 1];
         let (views, geometry) = (self.views(), &self.view_geometry);
         for (what, expected, found) in [
             ("number of channels of the images", channels[0], self.input_channels()),
             ("length of view_geometry.view_azimuth_deg", views, geometry.view_azimuth_deg.len()),
             ("length of view_geometry.pixel_km", views, geometry.pixel_km.len()),
-            ("levels.count", levels, self.levels.count),
+            ("channels of the outputs' levels", levels, self.outputs.len() * self.levels.count),
         ] {
             if expected != found {
                 let remedy = "make the metadata fit the first and last of architecture.channels";
@@ -315,7 +341,9 @@ mod tests {
 
     #[test]
     fn numbers_out_of_range_are_refused() {
-        let changes: [fn(&mut WeightsMetadata); 7] = [
+        let changes: [fn(&mut WeightsMetadata); 9] = [
+            |m| m.outputs = OUTPUTS.to_vec(),
+            |m| m.outputs.clear(),
             |m| m.format_version = FORMAT_VERSION + 1,
             |m| m.input_scale = 0.0,
             |m| m.output_scale = f64::NAN,

@@ -15,7 +15,7 @@ mod weights;
 pub use architecture::{Architecture, channels, receptive_field};
 pub use batch_norm::{BATCH_NORM_EPSILON, BatchNorm};
 pub use layout::{ImageLayout, Planes};
-pub use metadata::{FORMAT_VERSION, Levels, Training, WeightsMetadata};
+pub use metadata::{FORMAT_VERSION, Levels, NetworkOutput, Training, WeightsMetadata};
 pub use weights::{LayerWeights, Weights};
 
 use crate::conv::{self, Conv2d, Scales, Settings, Stack};
@@ -24,7 +24,7 @@ use crate::grid::{Grid, Volume};
 use crate::image::ViewStack;
 use crate::math::DVec3;
 use lift::Lift;
-use ndarray::Array3;
+use ndarray::{Array3, s};
 
 /// A network that is ready to run: its weights packed for this processor.
 #[derive(Debug, Clone)]
@@ -42,6 +42,25 @@ pub struct Scratch {
     size: [usize; 3],
     /// The images on the plane of the target, where they are laid on planes.
     ground: Vec<f32>,
+}
+
+/// What a network tells of a cloud.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Estimate {
+    /// The extinction (1/km).
+    pub extinction: Volume,
+    /// The expected absolute error of the extinction of each voxel (1/km), where the weights
+    /// tell it.
+    pub uncertainty: Option<Volume>,
+}
+
+impl Estimate {
+    /// The relative error (epsilon) that the network expects of itself: the sum of the
+    /// uncertainty over that of the extinction. `None` where no uncertainty is told.
+    pub fn expected_relative_error(&self) -> Option<f64> {
+        let sum = |volume: &Volume| volume.values.iter().map(|&v| f64::from(v)).sum::<f64>();
+        self.uncertainty.as_ref().map(|uncertainty| sum(uncertainty) / sum(&self.extinction))
+    }
 }
 
 impl Scratch {
@@ -89,6 +108,11 @@ impl Network {
 
     /// Number of levels that the network gives.
     pub fn levels(&self) -> usize {
+        self.metadata.levels.count
+    }
+
+    /// Number of channels that [`Network::run`] gives: the levels of each output.
+    pub fn output_channels(&self) -> usize {
         self.stack.output_channels()
     }
 
@@ -115,6 +139,14 @@ impl Network {
     /// # Errors
     /// Another number of images than of views; those of [`Network::grid`].
     pub fn infer(&self, images: &ViewStack, target: [f64; 2]) -> Result<Volume> {
+        Ok(self.estimate(images, target)?.extinction)
+    }
+
+    /// As [`Network::infer`], with its uncertainty where the weights tell it.
+    ///
+    /// # Errors
+    /// As [`Network::infer`].
+    pub fn estimate(&self, images: &ViewStack, target: [f64; 2]) -> Result<Estimate> {
         let [views, rows, cols] = images.shape();
         if views != self.views() {
             let remedy = "give the images of the formation that the weights are for";
@@ -124,10 +156,15 @@ impl Network {
         let radiance = images.values.as_standard_layout();
         let radiance = radiance.as_slice().expect("standard layout is contiguous");
         let mut scratch = self.scratch([1, rows, cols])?;
-        let mut values = Array3::zeros(grid.shape);
-        let extinction = values.as_slice_mut().expect("a new array is contiguous");
-        self.run(radiance, extinction, &mut scratch)?;
-        Volume::new(grid, values)
+        let mut values = Array3::zeros([self.output_channels(), rows, cols]);
+        let output = values.as_slice_mut().expect("a new array is contiguous");
+        self.run(radiance, output, &mut scratch)?;
+        let uncertainty = match self.metadata.outputs.contains(&NetworkOutput::Uncertainty) {
+            true => Some(Volume::new(grid, values.slice(s![self.levels().., .., ..]).to_owned())?),
+            false => None,
+        };
+        values.slice_collapse(s![..self.levels(), .., ..]);
+        Ok(Estimate { extinction: Volume::new(grid, values)?, uncertainty })
     }
 
     /// Memory for [`Network::run`] on as many images of a size, `[cloud, row, col]`.
@@ -143,9 +180,9 @@ impl Network {
         Ok(Scratch { stack, size, ground })
     }
 
-    /// The extinction (1/km), `[cloud, level, row, col]`, of the clouds in images of
-    /// radiance (1/sr), `[cloud, view, row, col]`, of the size that `scratch` was made for.
-    /// All are C-ordered. Nothing is allocated.
+    /// The outputs (1/km), `[cloud, output and level, row, col]`, the extinction first, of the
+    /// clouds in images of radiance (1/sr), `[cloud, view, row, col]`, of the size that `scratch`
+    /// was made for. All are C-ordered. Nothing is allocated.
     ///
     /// # Errors
     /// Slices that are not of these shapes.
@@ -202,6 +239,24 @@ mod tests {
         for (volume, output) in volume.values.iter().zip(output.values) {
             assert_eq!(*volume, 5.0 * output);
         }
+    }
+
+    /// The second half of the channels of the last layer.
+    #[test]
+    fn an_uncertainty_comes_after_the_extinction() {
+        let images = images([3, 6, 7]);
+        let mut weights = weights(&[3, 5, 8], 3);
+        let all = Network::new(&weights).unwrap().infer(&images, [0.0, 0.0]).unwrap();
+        weights.metadata.outputs.push(NetworkOutput::Uncertainty);
+        weights.metadata.levels.count = 4;
+        let network = Network::new(&weights).unwrap();
+        let estimate = network.estimate(&images, [0.0, 0.0]).unwrap();
+        let uncertainty = estimate.uncertainty.unwrap();
+        assert_eq!(uncertainty.grid, estimate.extinction.grid);
+        assert_eq!(uncertainty.grid.shape, [4, 6, 7]);
+        assert_eq!(estimate.extinction.values, all.values.slice(s![..4, .., ..]));
+        assert_eq!(uncertainty.values, all.values.slice(s![4.., .., ..]));
+        assert_eq!(network.infer(&images, [0.0, 0.0]).unwrap(), estimate.extinction);
     }
 
     #[test]

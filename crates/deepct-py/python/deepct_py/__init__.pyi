@@ -228,6 +228,15 @@ class Network:
         mask: Optional[ArrayLike] = None,
         wavelength_um: float = 0.672,
     ) -> NDArray[np.float32]: ...
+    def estimate(
+        self,
+        radiance: ArrayLike,
+        views: Union[Views, Sequence[View]],
+        sun: Optional[Sun] = None,
+        *,
+        mask: Optional[ArrayLike] = None,
+        wavelength_um: float = 0.672,
+    ) -> tuple[NDArray[np.float32], Optional[NDArray[np.float32]]]: ...
 
 @final
 class Reconstruction:

@@ -6,6 +6,7 @@ use crate::cloud::{Cloud, EFFECTIVE_VARIANCE, Microphysics};
 use crate::error::{Error, Result};
 use crate::grid::{Grid, Mask, Volume};
 use crate::math::DVec3;
+use crate::network::Estimate;
 use ndarray::{Array3, ArrayD};
 use serde::Deserialize;
 use std::path::Path;
@@ -30,6 +31,8 @@ const EXTINCTION: &Attributes = &[
     ("long_name", Text("volume extinction coefficient of cloud droplets")),
     ("standard_name", Text("volume_extinction_coefficient_in_air_due_to_cloud_particles")),
 ];
+const UNCERTAINTY: &Attributes =
+    &[("units", Text("km-1")), ("long_name", Text("expected absolute error of the extinction"))];
 const MASK: &Attributes = &[
     ("long_name", Text("where the images allow cloud")),
     ("flag_values", Flags(&[0, 1])),
@@ -110,6 +113,24 @@ pub fn write_volume(
     output.finish()
 }
 
+/// Write what a network tells: `extinction`, and `uncertainty` where it has one (km-1), on
+/// `(z, y, x)`.
+///
+/// # Errors
+/// When the file cannot be written.
+pub fn write_estimate(
+    path: impl AsRef<Path>,
+    estimate: &Estimate,
+    provenance: &Provenance,
+) -> Result<()> {
+    let mut output = Output::create(path.as_ref(), provenance)?;
+    put_volume(&mut output, &estimate.extinction)?;
+    if let Some(uncertainty) = &estimate.uncertainty {
+        output.variable("uncertainty", &AXES, &uncertainty.values, UNCERTAINTY)?;
+    }
+    output.finish()
+}
+
 /// Put a volume into a file that is being written.
 pub(super) fn put_volume(output: &mut Output, volume: &Volume) -> Result<()> {
     write_axes(output, &volume.grid)?;
@@ -128,6 +149,29 @@ pub fn read_volume(path: impl AsRef<Path>) -> Result<Volume> {
     let volume = Volume::new(grid_of(&variable, &input)?, values)?;
     volume.check_non_negative("extinction").map_err(Error::in_file(path))?;
     Ok(volume)
+}
+
+/// Read what [`write_estimate`] wrote; a file with `extinction` alone has no uncertainty.
+///
+/// # Errors
+/// As [`read_cloud`].
+pub fn read_estimate(path: impl AsRef<Path>) -> Result<Estimate> {
+    let path = path.as_ref();
+    let extinction = read_volume(path)?;
+    let input = Input::open(path)?;
+    let uncertainty = match input.has("uncertainty") {
+        true => {
+            let values = input.variable_on("uncertainty", &AXES)?.reals_3d()?;
+            let volume = Volume::new(extinction.grid, values);
+            let checked = volume.and_then(|volume| {
+                volume.check_non_negative("uncertainty")?;
+                Ok(volume)
+            });
+            Some(checked.map_err(Error::in_file(path))?)
+        }
+        false => None,
+    };
+    Ok(Estimate { extinction, uncertainty })
 }
 
 /// Write a mask as `mask`, 1 inside and 0 outside, on `(z, y, x)`.
