@@ -1,43 +1,78 @@
-"""The same answer from PyTorch and from deepct."""
+"""The same answer from PyTorch, from deepct and from ONNX Runtime."""
 
 import os
 import shutil
 
+import numpy as np
 import pytest
 from conftest import planes_metadata, saved, seasoned_network, weights_metadata
 
 from weights_tools.__main__ import main
-from weights_tools.check import TOLERANCES, check
+from weights_tools.check import SAME, check, engines
+from weights_tools.check import weights_metadata as metadata_of
 from weights_tools.export import export
 from weights_tools.model import growing_channels
 
 DEEPCT = os.environ.get("DEEPCT") or shutil.which("deepct")
+needs_deepct = pytest.mark.skipif(DEEPCT is None, reason="deepct is not on the PATH")
 
 
-@pytest.mark.skipif(DEEPCT is None, reason="deepct is not on the PATH")
+def exported(folder, channels, metadata, suffix):
+    checkpoint = saved(folder / "network.pt", seasoned_network(channels), True)
+    export(checkpoint, folder / f"w{suffix}", metadata)
+    return checkpoint, folder / f"w{suffix}"
+
+
+@needs_deepct
 @pytest.mark.parametrize(("views", "layers"), [(32, 33), (10, 81), (10, 33), (1, 1)])
-@pytest.mark.parametrize("algorithm", TOLERANCES)
-def test_deepct_gives_the_answer_of_pytorch(tmp_path, views, layers, algorithm):
-    network = seasoned_network(growing_channels(views, 32, layers))
-    checkpoint = saved(tmp_path / "network.pt", network, True)
-    export(checkpoint, tmp_path / "w.safetensors", weights_metadata(views, 32))
-    errors = check(checkpoint, tmp_path / "w.safetensors", DEEPCT, algorithm)
-    assert max(errors) <= TOLERANCES[algorithm]
+def test_deepct_gives_the_answer_of_pytorch(tmp_path, views, layers):
+    channels, metadata = growing_channels(views, 32, layers), weights_metadata(views, 32)
+    checkpoint, weights = exported(tmp_path, channels, metadata, ".safetensors")
+    for engine in engines(weights, DEEPCT):
+        assert max(check(checkpoint, weights, engine)) <= engine.tolerance, engine.name
 
 
-@pytest.mark.skipif(DEEPCT is None, reason="deepct is not on the PATH")
-@pytest.mark.parametrize("algorithm", TOLERANCES)
-def test_deepct_lays_images_on_planes_and_gives_all_outputs_as_pytorch_does(tmp_path, algorithm):
+@needs_deepct
+def test_deepct_lays_images_on_planes_and_gives_all_outputs_as_pytorch_does(tmp_path):
     metadata = planes_metadata([0.6, 0.95, 1.12, 1.61], 16)
     metadata["outputs"] = ["extinction", "uncertainty"]
-    network = seasoned_network([4 * 4, 24, 32])
-    checkpoint = saved(tmp_path / "network.pt", network, True)
-    export(checkpoint, tmp_path / "w.safetensors", metadata)
-    errors = check(checkpoint, tmp_path / "w.safetensors", DEEPCT, algorithm)
-    assert max(errors) <= TOLERANCES[algorithm]
+    checkpoint, weights = exported(tmp_path, [4 * 4, 24, 32], metadata, ".safetensors")
+    for engine in engines(weights, DEEPCT):
+        assert max(check(checkpoint, weights, engine)) <= engine.tolerance, engine.name
 
 
-@pytest.mark.skipif(DEEPCT is None, reason="deepct is not on the PATH")
+@pytest.mark.parametrize(
+    ("channels", "metadata"),
+    [
+        (growing_channels(10, 32, 33), weights_metadata(10, 32)),
+        ([1, 32], weights_metadata(1, 32)),
+        ([4 * 4, 24, 32], planes_metadata([0.6, 0.95, 1.12, 1.61], 32)),
+        ([3 * 4, 24, 32], planes_metadata([0.6, 1.12, 1.61], 32)),
+    ],
+)
+def test_onnx_runtime_gives_the_answer_of_pytorch(tmp_path, channels, metadata):
+    pytest.importorskip("onnxruntime")
+    checkpoint, weights = exported(tmp_path, channels, metadata, ".onnx")
+    (engine,) = engines(weights, "no program")
+    assert max(check(checkpoint, weights, engine)) <= SAME
+
+
+@needs_deepct
+@pytest.mark.parametrize("size", [(5, 9), (32, 32), (150, 70)])
+def test_onnx_runtime_gives_the_answer_of_deepct(tmp_path, size):
+    pytest.importorskip("onnxruntime")
+    metadata = planes_metadata([0.6, 0.95, 1.12, 1.61], 32)
+    images = 0.3 * np.random.default_rng(5).random((4, *size), dtype=np.float32)
+    answers = []
+    for suffix in (".onnx", ".safetensors"):
+        _, weights = exported(tmp_path, [4 * 4, 24, 32], metadata, suffix)
+        # The plain sum comes first of deepct's.
+        answers.append(engines(weights, DEEPCT)[0].run(images, metadata_of(weights)))
+    assert answers[0].shape == (32, *size)
+    assert abs(answers[0] - answers[1]).max() <= SAME * answers[1].max()
+
+
+@needs_deepct
 def test_other_weights_are_found_out(tmp_path, capsys):
     for seed in (1, 2):
         checkpoint = saved(tmp_path / f"{seed}.pt", seasoned_network([3, 8, 4], seed), False)

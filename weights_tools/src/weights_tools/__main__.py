@@ -11,7 +11,7 @@ import torch
 
 import weights_tools
 from weights_tools.baselines import baselines
-from weights_tools.check import SIZES, TOLERANCES, check
+from weights_tools.check import SIZES, check, engines
 from weights_tools.dataset import load_dataset
 from weights_tools.errors import InputError
 from weights_tools.export import export, read_metadata
@@ -52,13 +52,15 @@ def _parser() -> argparse.ArgumentParser:
     trivial.add_argument("--deepct", default="deepct", help="the program (default: on the PATH)")
     trivial.set_defaults(run=_baselines)
 
-    convert = verbs.add_parser("export", help="checkpoint or state dict to safetensors")
+    convert = verbs.add_parser("export", help="checkpoint or state dict to weights")
     convert.add_argument("checkpoint", type=Path)
-    convert.add_argument("--out", type=Path, required=True, help="weights file to write")
+    convert.add_argument("--out", type=Path, required=True, help="NAME.safetensors or NAME.onnx")
     convert.add_argument("--metadata", type=Path, help="JSON with metadata to add or replace")
     convert.set_defaults(run=_export)
 
-    compare = verbs.add_parser("check", help="compare `deepct infer` with PyTorch")
+    compare = verbs.add_parser(
+        "check", help="compare `deepct infer`, or ONNX Runtime, with PyTorch"
+    )
     compare.add_argument("checkpoint", type=Path)
     compare.add_argument("--weights", type=Path, required=True, help="what it was exported to")
     compare.add_argument("--deepct", default="deepct", help="the program (default: on the PATH)")
@@ -108,14 +110,12 @@ def _export(options: argparse.Namespace) -> int:
 
 def _check(options: argparse.Namespace) -> int:
     same = True
-    for algorithm, tolerance in TOLERANCES.items():
-        errors = check(
-            options.checkpoint, options.weights, options.deepct, algorithm, options.seed
-        )
+    for engine in engines(options.weights, options.deepct):
+        errors = check(options.checkpoint, options.weights, engine, options.seed)
         for (rows, cols), error in zip(SIZES, errors):
-            verdict = "same" if error <= tolerance else "DIFFERENT"
-            print(f"{rows:4d} x {cols:<4d} {algorithm:<12} error {error:.1e}  {verdict}")
-        same = same and max(errors) <= tolerance
+            verdict = "same" if error <= engine.tolerance else "DIFFERENT"
+            print(f"{rows:4d} x {cols:<4d} {engine.name:<12} error {error:.1e}  {verdict}")
+        same = same and max(errors) <= engine.tolerance
     return 0 if same else 1
 
 

@@ -1,4 +1,4 @@
-"""PyTorch and ``deepct infer`` side by side on the same images."""
+"""PyTorch and what runs its exported weights side by side on the same images."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ import json
 import math
 import subprocess
 import tempfile
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Callable, NamedTuple
 
 import h5py
 import numpy as np
@@ -16,43 +17,61 @@ import torch
 from safetensors import SafetensorError, safe_open
 
 from weights_tools.errors import InputError
-from weights_tools.export import load_network
+from weights_tools.export import GET_ONNX, is_onnx, load_network, onnx_graph
 from weights_tools.model import Network
 
-TOLERANCES = {"direct": 1e-5, "winograd-f4": 1e-4}
-"""Largest error over largest value that still counts as the same answer, by algorithm of the
-convolution: the plain sum, and the one with the fewest multiplications, which rounds more."""
+SAME = 1e-5
+"""Largest error over largest value that still counts as the same answer."""
+
+TOLERANCES = {"direct": SAME, "winograd-f4": 1e-4}
+"""The same by algorithm of ``deepct``'s convolution: the plain sum, and the one with the fewest
+multiplications, which rounds more."""
 
 SIZES = ((1, 1), (32, 32), (31, 45), (33, 32), (128, 96))
 """Rows and columns of the images that are tried."""
 
 
+class Engine(NamedTuple):
+    """One way to run a file of weights."""
+
+    name: str
+    tolerance: float
+    """Largest error over largest value that still counts as the same answer."""
+    run: Callable[[np.ndarray, dict[str, Any]], np.ndarray]
+    """From images ``[view, row, col]`` (1/sr) and the weights' metadata to all outputs (1/km),
+    one after another along the first axis."""
+
+
+def engines(weights: str | Path, deepct: str) -> list[Engine]:
+    """What runs a file of weights: ONNX Runtime, or ``deepct`` with each algorithm."""
+    if is_onnx(weights):
+        return [Engine("onnxruntime", SAME, partial(_onnx_runtime, weights))]
+    return [
+        Engine(algorithm, tolerance, partial(_infer, deepct, weights, algorithm))
+        for algorithm, tolerance in TOLERANCES.items()
+    ]
+
+
 def check(
-    checkpoint: str | Path, weights: str | Path, deepct: str, algorithm: str, seed: int = 1
+    checkpoint: str | Path, weights: str | Path, engine: Engine, seed: int = 1
 ) -> list[float]:
-    """The relative error of ``deepct`` against PyTorch for every one of :data:`SIZES`.
+    """The relative error of an engine against PyTorch for every one of :data:`SIZES`.
 
     It is the largest difference over the largest value of PyTorch's answer, for images
     drawn at random in the range of a cloud's radiance.
 
-    Raises :class:`InputError` for files that cannot be used and where ``deepct`` fails.
+    Raises :class:`InputError` for files that cannot be used and where the engine is missing or
+    fails.
     """
     metadata = weights_metadata(weights)
     network, _ = load_network(checkpoint, metadata)
-    outputs = metadata.get("outputs", ["extinction"])
     random = np.random.default_rng(seed)
     errors = []
-    with tempfile.TemporaryDirectory() as folder:
-        images, volume = Path(folder, "images.nc"), Path(folder, "volume.nc")
-        for rows, cols in SIZES:
-            shape = (len(metadata["view_geometry"]["pixel_km"]), rows, cols)
-            radiance = (0.3 * random.random(shape) ** 2).astype(np.float32)
-            write_images(images, radiance, metadata)
-            _infer(deepct, images, weights, volume, algorithm)
-            with h5py.File(volume, "r") as file:
-                found = np.concatenate([file[name][...] for name in outputs], dtype=np.float64)
-            expected = answer(network, radiance, metadata)
-            errors.append(_relative(found, expected))
+    for rows, cols in SIZES:
+        shape = (len(metadata["view_geometry"]["pixel_km"]), rows, cols)
+        radiance = (0.3 * random.random(shape) ** 2).astype(np.float32)
+        found = engine.run(radiance, metadata).astype(np.float64)
+        errors.append(_relative(found, answer(network, radiance, metadata)))
     return errors
 
 
@@ -66,7 +85,7 @@ def answer(network: Network, radiance: np.ndarray, metadata: dict[str, Any]) -> 
     """All of PyTorch's outputs (1/km) from images ``[view, row, col]``, computed in float64.
 
     The parameters are those of ``network`` as they are; only the sums are free of the
-    rounding of float32, so that the difference is all of ``deepct``'s.
+    rounding of float32, so that the difference is all of the other's.
     """
     images = torch.from_numpy(radiance * np.float32(metadata["input_scale"])).double()
     with torch.no_grad():
@@ -76,6 +95,8 @@ def answer(network: Network, radiance: np.ndarray, metadata: dict[str, Any]) -> 
 
 def weights_metadata(path: str | Path) -> dict[str, Any]:
     """What a weights file says about itself."""
+    if is_onnx(path):
+        return onnx_graph().onnx_metadata(path)
     try:
         with safe_open(str(path), "pt") as file:
             header = file.metadata() or {}
@@ -132,15 +153,39 @@ def _on(file: h5py.File, name: str, *dimensions: str) -> None:
         file[name].dims[axis].attach_scale(file[dimension])
 
 
-def _infer(
-    deepct: str, images: Path, weights: str | Path, volume: Path, algorithm: str
-) -> None:
-    command = [deepct, "infer", str(images), "--weights", str(weights), "--out", str(volume)]
-    command += ["--set", f"convolution.algorithm={algorithm}"]
+def _onnx_runtime(
+    weights: str | Path, radiance: np.ndarray, metadata: dict[str, Any]
+) -> np.ndarray:
     try:
-        result = subprocess.run(command, capture_output=True, text=True, check=False)
-    except OSError as problem:
-        remedy = "build it with `cargo build --release` and name it with --deepct"
-        raise InputError(deepct, problem.strerror or "cannot be run", remedy) from None
-    if result.returncode != 0:
-        raise InputError(deepct, f"infer failed: {result.stderr.strip()}", "see its message")
+        import onnxruntime
+    except ImportError as problem:
+        raise InputError("onnxruntime", f"cannot be imported ({problem})", GET_ONNX) from None
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = torch.get_num_threads()
+    session = onnxruntime.InferenceSession(weights, options, providers=["CPUExecutionProvider"])
+    outputs = session.run(metadata["outputs"], {"radiance": radiance[None]})
+    return np.concatenate([output[0] for output in outputs])
+
+
+def _infer(
+    deepct: str,
+    weights: str | Path,
+    algorithm: str,
+    radiance: np.ndarray,
+    metadata: dict[str, Any],
+) -> np.ndarray:
+    with tempfile.TemporaryDirectory() as folder:
+        images, volume = Path(folder, "images.nc"), Path(folder, "volume.nc")
+        write_images(images, radiance, metadata)
+        command = [deepct, "infer", str(images), "--weights", str(weights), "--out", str(volume)]
+        command += ["--set", f"convolution.algorithm={algorithm}"]
+        try:
+            result = subprocess.run(command, capture_output=True, text=True, check=False)
+        except OSError as problem:
+            remedy = "build it with `cargo build --release` and name it with --deepct"
+            raise InputError(deepct, problem.strerror or "cannot be run", remedy) from None
+        if result.returncode != 0:
+            raise InputError(deepct, f"infer failed: {result.stderr.strip()}", "see its message")
+        with h5py.File(volume, "r") as file:
+            outputs = metadata.get("outputs", ["extinction"])
+            return np.concatenate([file[name][...] for name in outputs])

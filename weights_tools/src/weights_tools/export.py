@@ -1,9 +1,11 @@
-"""PyTorch checkpoints to the weights files that ``deepct`` reads."""
+"""PyTorch checkpoints to the weights files that ``deepct`` reads, and to ONNX."""
 
 from __future__ import annotations
 
+import importlib
 import json
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import safetensors.torch
@@ -34,6 +36,9 @@ METADATA_KEYS = (
     "wavelength_um",
 )
 """What has to be known of a network beside its layers."""
+
+GET_ONNX = "install it with `pip install 'weights_tools[onnx]'`"
+"""What helps where a package for ONNX is missing."""
 
 
 def load_network(
@@ -76,7 +81,8 @@ def read_metadata(path: str | Path) -> dict[str, Any]:
 
 
 def export(checkpoint_path: str | Path, output: str | Path, changes: dict[str, Any]) -> None:
-    """Write the weights of a checkpoint as safetensors, batch norms folded.
+    """Write the weights of a checkpoint, batch norms folded: as an ONNX graph of the whole
+    network where ``output`` ends in ``.onnx``, else as safetensors.
 
     The checkpoint's own metadata is used, entries of ``changes`` in the place of its own
     (objects key by key); a bare state dict and the authors' checkpoints have none, and
@@ -94,16 +100,49 @@ def export(checkpoint_path: str | Path, output: str | Path, changes: dict[str, A
     if unknown:
         problem = f"unknown metadata {', '.join(unknown)}"
         raise InputError(checkpoint_path, problem, f"the keys are {', '.join(METADATA_KEYS)}")
+    _check_outputs(network, metadata, checkpoint_path)
     header = {
         "format_version": FORMAT_VERSION,
         "architecture": {"channels": network.channels, "last_relu": True},
         "program": f"weights_tools {weights_tools.__version__}",
         **metadata,
     }
-    content = safetensors.torch.save(
-        folded_layers(network), {"deepct": json.dumps(header, sort_keys=True, allow_nan=False)}
-    )
-    write_whole(Path(output), content)
+    write = _onnx if is_onnx(output) else _safetensors
+    write_whole(Path(output), write(network, header))
+
+
+def _check_outputs(network: Network, metadata: dict[str, Any], path: str | Path) -> None:
+    remedy = "correct the levels or the outputs with --metadata"
+    try:
+        channels = len(metadata["outputs"]) * metadata["levels"]["count"]
+    except (KeyError, TypeError):
+        raise InputError(path, "its metadata tell no outputs and count of levels", remedy) from None
+    if network.channels[-1] != channels:
+        problem = f"its last layer gives {network.channels[-1]} channels, its metadata {channels}"
+        raise InputError(path, problem, remedy)
+
+
+def is_onnx(path: str | Path) -> bool:
+    """Whether a file of weights is an ONNX graph, by its name."""
+    return Path(path).suffix.lower() == ".onnx"
+
+
+def _safetensors(network: Network, header: dict[str, Any]) -> bytes:
+    text = json.dumps(header, sort_keys=True, allow_nan=False)
+    return safetensors.torch.save(folded_layers(network), {"deepct": text})
+
+
+def _onnx(network: Network, header: dict[str, Any]) -> bytes:
+    model = onnx_graph().onnx_model(folded_layers(network), network.lift, header)
+    return model.SerializeToString()
+
+
+def onnx_graph() -> ModuleType:
+    """The module that knows ONNX, whose package not everybody who trains has."""
+    try:
+        return importlib.import_module("weights_tools.graph")
+    except ImportError as problem:
+        raise InputError("onnx", f"cannot be imported ({problem})", GET_ONNX) from None
 
 
 def folded_layers(network: Network) -> dict[str, Tensor]:

@@ -1,0 +1,259 @@
+"""The whole network as an ONNX graph, for programs that know nothing of deepct."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import onnx
+import onnx.parser
+from google.protobuf.message import DecodeError
+from onnx import TensorProto, helper, numpy_helper
+from torch import Tensor
+
+import weights_tools
+from weights_tools.errors import InputError
+from weights_tools.lift import Lift
+
+OPSET = 17
+"""Version of ONNX's operators; all that are used here are in 16 too."""
+
+IR_VERSION = 8
+"""Version of the file format, the one of :data:`OPSET`: programs since 2022 read it."""
+
+UNITS = {"extinction": "1/km", "uncertainty": "1/km, the expected absolute error of extinction"}
+"""What the outputs of a network are in."""
+
+_LIFT = """
+lift (float[cloud, view, row, col] scaled) => (float[cloud, channel, y, x] planes)
+{
+    # The types of casts: 1 is float, 7 int64, 11 double.
+    zero = Constant <value = double {0.0}> ()
+    half = Constant <value = double {0.5}> ()
+    one = Constant <value = double {1.0}> ()
+    least_depth = Constant <value = double {0.001}> ()
+    upright = Constant <value = int64[2] {-1, 1}> ()
+    flat = Constant <value = int64[2] {0, -1}> ()
+    two_by_two = Constant <value = int64[2] {1, 2}> ()
+    two_rows = Constant <value = double[2, 1, 1, 1, 1] {0.0, 1.0}> ()
+    two_cols = Constant <value = double[2, 1, 1, 1] {0.0, 1.0}> ()
+
+    # The size of the images and of the ground, which has a margin all around.
+    row_shape = Shape <start = 2, end = 3> (scaled)
+    row_count = Squeeze (row_shape)
+    rows = Cast <to = 11> (row_count)
+    row_end = Add (rows, row_margin)
+    row_start = Neg (row_margin)
+    ground_rows = Sub (row_end, row_start)
+    last_row = Sub (rows, one)
+    middle_row = Mul (last_row, half)
+    col_shape = Shape <start = 3, end = 4> (scaled)
+    col_count = Squeeze (col_shape)
+    cols = Cast <to = 11> (col_count)
+    col_end = Add (cols, col_margin)
+    col_start = Neg (col_margin)
+    ground_cols = Sub (col_end, col_start)
+    last_col = Sub (cols, one)
+    middle_col = Mul (last_col, half)
+
+    # Where its voxels are, from the target (km): [y, 1] and [x].
+    row_steps = Range (row_start, row_end, one)
+    row_offsets = Sub (row_steps, middle_row)
+    y_line = Mul (row_offsets, row_km)
+    y = Reshape (y_line, upright)
+    col_steps = Range (col_start, col_end, one)
+    col_offsets = Sub (col_steps, middle_col)
+    x = Mul (col_offsets, col_km)
+
+    # Where the cameras see them, from the middle of their images: [view, y, x].
+    depth_x = Mul (depth_by_x, x)
+    depth_y = Mul (depth_by_y, y)
+    nearer = Add (depth_x, depth_y)
+    signed_depth = Sub (one, nearer)
+    depth = Max (signed_depth, least_depth)
+    row_x = Mul (row_by_x, x)
+    row_y = Mul (row_by_y, y)
+    row_far_off = Add (row_x, row_y)
+    row_from_middle = Div (row_far_off, depth)
+    col_x = Mul (col_by_x, x)
+    col_y = Mul (col_by_y, y)
+    col_far_off = Add (col_x, col_y)
+    col_from_middle = Div (col_far_off, depth)
+
+    # From the first pixel, and not beyond the last.
+    row_anywhere = Add (row_from_middle, middle_row)
+    row_not_before = Max (row_anywhere, zero)
+    row = Min (row_not_before, last_row)
+    col_anywhere = Add (col_from_middle, middle_col)
+    col_not_before = Max (col_anywhere, zero)
+    col = Min (col_not_before, last_col)
+
+    # The two rows and the two columns around them, and what each counts:
+    # [2, 1, view, y, x] and [2, view, y, x].
+    row_before = Floor (row)
+    row_around = Add (row_before, two_rows)
+    row_signed = Sub (row, row_around)
+    row_distance = Abs (row_signed)
+    row_weight = Sub (one, row_distance)
+    row_pixel = Min (row_around, last_row)
+    col_before = Floor (col)
+    col_around = Add (col_before, two_cols)
+    col_signed = Sub (col, col_around)
+    col_distance = Abs (col_signed)
+    col_weight = Sub (one, col_distance)
+    col_pixel = Min (col_around, last_col)
+
+    # The ground between the four pixels, [cloud, view, y, x]: a pixel has a number in all images.
+    view_rows = Mul (view_number, rows)
+    row_in_all = Add (view_rows, row_pixel)
+    row_pixels = Mul (row_in_all, cols)
+    exact_pixels = Add (row_pixels, col_pixel)
+    pixel_numbers = Cast <to = 7> (exact_pixels)
+    pixels = Reshape (scaled, flat)
+    around = Gather <axis = 1> (pixels, pixel_numbers)
+    exact_weights = Mul (row_weight, col_weight)
+    weights = Cast <to = 1> (exact_weights)
+    weighted = Mul (around, weights)
+    ground = ReduceSum <keepdims = 0> (weighted, two_by_two)
+
+    # The planes out of it, likewise: as large as the images, each from a corner of its own.
+    ground_voxels = Reshape (ground, flat)
+    view_corners = Mul (channel_view, ground_rows)
+    row_corners = Add (view_corners, channel_row)
+    row_line = Range (zero, rows, one)
+    row_column = Reshape (row_line, upright)
+    voxel_rows = Add (row_corners, row_column)
+    row_voxels = Mul (voxel_rows, ground_cols)
+    col_line = Range (zero, cols, one)
+    voxel_cols = Add (channel_col, col_line)
+    exact_voxels = Add (row_voxels, voxel_cols)
+    voxel_numbers = Cast <to = 7> (exact_voxels)
+    planes = Gather <axis = 1> (ground_voxels, voxel_numbers)
+}
+"""
+"""The lift onto planes as :class:`Lift` computes it, for images of any size and in f64 until a
+weight is known. (``GridSample`` would round places to f32, which shows in images of a hundred
+pixels; it is no faster.)"""
+
+
+def onnx_model(
+    layers: dict[str, Tensor], lift: Lift | None, header: dict[str, Any]
+) -> onnx.ModelProto:
+    """The way from radiance ``[cloud, view, row, col]`` (1/sr) to extinction
+    ``[cloud, z, y, x]`` (1/km), f32, for any number of clouds, rows and columns.
+
+    ``layers`` are those of a weights file, as ``header`` is its metadata: that goes along as
+    JSON under ``deepct``. Scales and lift are part of the graph. A network of several outputs
+    gives each by its name.
+    """
+    constants = {name: values.numpy() for name, values in layers.items()}
+    constants["input_scale"] = np.float32(header["input_scale"])
+    constants["output_scale"] = np.float32(header["output_scale"])
+    nodes = [helper.make_node("Mul", ["radiance", "input_scale"], ["scaled"])]
+    value = "scaled"
+    if lift is not None:
+        constants.update(_lift_constants(lift))
+        nodes += onnx.parser.parse_graph(_LIFT).node
+        value = "planes"
+    for index in range(len(header["architecture"]["channels"]) - 1):
+        operands = [value, f"layers.{index}.weight", f"layers.{index}.bias"]
+        value = f"layers.{index}"
+        nodes.append(helper.make_node("Conv", operands, [f"{value}.sum"], pads=[1, 1, 1, 1]))
+        nodes.append(helper.make_node("Relu", [f"{value}.sum"], [value]))
+    outputs = header["outputs"]
+    scaled = "outputs" if len(outputs) > 1 else outputs[0]
+    nodes.append(helper.make_node("Mul", [value, "output_scale"], [scaled]))
+    if len(outputs) > 1:
+        nodes.append(helper.make_node("Split", [scaled], outputs, axis=1))
+    model = _model(nodes, constants, header)
+    onnx.checker.check_model(model, full_check=True)
+    return model
+
+
+def onnx_metadata(path: str | Path) -> dict[str, Any]:
+    """What a model of :func:`onnx_model` says about itself.
+
+    Raises :class:`InputError` for a file that is none.
+    """
+    remedy = "export it with `weights_tools export`"
+    try:
+        model = onnx.load(path, load_external_data=False)
+        return json.loads({entry.key: entry.value for entry in model.metadata_props}["deepct"])
+    except OSError as problem:
+        raise InputError(path, problem.strerror or "cannot be read", remedy) from None
+    except (DecodeError, KeyError, ValueError) as problem:
+        raise InputError(path, f"is no ONNX file of weights ({problem})", remedy) from None
+
+
+def _lift_constants(lift: Lift) -> dict[str, np.ndarray]:
+    """What the lift's graph wants to know of each view and channel, ``[view, 1, 1]`` and
+    ``[channel, 1, 1]``."""
+    planes, views = len(lift.parallax), len(lift.cameras)
+    numbers = np.arange(views, dtype=np.float64)
+    constants = {"view_number": numbers, "channel_view": np.tile(numbers, planes)}
+    parallax = np.array(lift.parallax, np.float64).reshape(-1, 2)
+    for axis, name in enumerate(("row", "col")):
+        constants[f"channel_{name}"] = lift.margin[axis] + parallax[:, axis]
+    for part, name in enumerate(("col", "row", "depth")):
+        for axis, place in enumerate("xy"):
+            constants[f"{name}_by_{place}"] = lift.cameras[:, part, axis].numpy()
+    constants = {name: values[:, None, None] for name, values in constants.items()}
+    for axis, name in enumerate(("row", "col")):
+        constants[f"{name}_margin"] = np.float64(lift.margin[axis])
+        constants[f"{name}_km"] = np.float64(lift.spacing[axis])
+    return constants
+
+
+def _model(
+    nodes: list[onnx.NodeProto], constants: dict[str, np.ndarray], header: dict[str, Any]
+) -> onnx.ModelProto:
+    views = len(header["view_geometry"]["pixel_km"])
+    levels = header["levels"]["count"]
+    radiance = helper.make_tensor_value_info(
+        "radiance",
+        TensorProto.FLOAT,
+        ["cloud", views, "row", "col"],
+        "radiance [cloud, view, row, col] in 1/sr, the Sun's irradiance being 1: "
+        "rows grow to the north, columns to the east",
+        ["cloud", "view", "row", "col"],
+    )
+    volumes = [
+        helper.make_tensor_value_info(
+            name,
+            TensorProto.FLOAT,
+            ["cloud", levels, "row", "col"],
+            f"{name} [cloud, z, y, x] in {UNITS[name]}: y and x are those of rows and columns",
+            ["cloud", "z", "y", "x"],
+        )
+        for name in header["outputs"]
+    ]
+    weights = [
+        numpy_helper.from_array(np.asarray(values, order="C"), name)
+        for name, values in constants.items()
+    ]
+    graph = helper.make_graph(nodes, "deepct", [radiance], volumes, weights)
+    model = helper.make_model(
+        graph,
+        opset_imports=[helper.make_opsetid("", OPSET)],
+        ir_version=IR_VERSION,
+        producer_name="weights_tools",
+        producer_version=weights_tools.__version__,
+        doc_string=_description(header),
+    )
+    helper.set_model_props(model, {"deepct": json.dumps(header, sort_keys=True, allow_nan=False)})
+    return model
+
+
+def _description(header: dict[str, Any]) -> str:
+    """What the model is for, in a few lines."""
+    levels, (dx, dy) = header["levels"], header["horizontal_spacing_km"]
+    top = levels["bottom_km"] + levels["count"] * levels["spacing_km"]
+    return (
+        f"A cloud's extinction from its images by {header['formation']} at "
+        f"{header['wavelength_um']} um: voxels of {dx} x {dy} x {levels['spacing_km']} km, "
+        f"{levels['count']} levels from {levels['bottom_km']:g} to {top:g} km. The images show "
+        f"the target, at {header['target_altitude_km']:g} km, in their middle. The metadata "
+        "under deepct, JSON, tell the view geometry in full."
+    )
