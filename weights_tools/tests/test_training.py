@@ -8,6 +8,7 @@ import torch
 
 from weights_tools.checkpoint import load_checkpoint
 from weights_tools.dataset import load_dataset
+from weights_tools.distributed import Processes
 from weights_tools.errors import InputError
 from weights_tools.recipe import LossRecipe, NetworkRecipe, Recipe, TrainingRecipe, load_recipe
 from weights_tools.training import BEST, LAST, Training, learning_rate, loss_of
@@ -27,7 +28,7 @@ RECIPE = Recipe(
         reduced_precision=False,
     ),
 )
-CPU = torch.device("cpu")
+CPU = Processes(torch.device("cpu"))
 
 
 def silent(_: str) -> None:

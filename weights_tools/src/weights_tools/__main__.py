@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 import torch
@@ -13,6 +14,7 @@ import weights_tools
 from weights_tools.baselines import baselines
 from weights_tools.check import SIZES, check, engines
 from weights_tools.dataset import load_dataset
+from weights_tools.distributed import processes
 from weights_tools.errors import InputError
 from weights_tools.export import export, read_metadata
 from weights_tools.recipe import load_recipe
@@ -43,7 +45,7 @@ def _parser() -> argparse.ArgumentParser:
     train.add_argument("--out", type=Path, required=True, help="folder of checkpoints and curves")
     train.add_argument("--start", type=Path, help="checkpoint of a network to begin with")
     train.add_argument("--minutes", type=_positive, help="end after so long in all")
-    train.add_argument("--threads", type=int, help="CPU threads (default: all)")
+    train.add_argument("--threads", type=int, help="CPU threads of each process (default: all)")
     train.set_defaults(run=_train)
 
     trivial = verbs.add_parser("baselines", help="scores of answers that take no learning")
@@ -81,14 +83,15 @@ def _train(options: argparse.Namespace) -> int:
         torch.set_num_threads(options.threads)
     recipe = load_recipe(options.recipe)
     data = load_dataset(options.dataset, recipe.formation)
-    device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
-    training = Training(recipe, data, options.out, device, options.start)
-    print(
-        f"{len(data.train)} training and {len(data.validation)} validation clouds, "
-        f"{len(data.geometry)} views, channels {training.network.channels}, on {device}",
-        flush=True,
-    )
-    training.run(options.minutes, lambda line: print(line, flush=True))
+    with processes() as ours:
+        report = partial(print, flush=True) if ours.first else lambda line: None
+        training = Training(recipe, data, options.out, ours, options.start)
+        by = f"{ours.device}" if ours.count == 1 else f"{ours.count} x {ours.device.type}"
+        report(
+            f"{len(data.train)} training and {len(data.validation)} validation clouds, "
+            f"{len(data.geometry)} views, channels {training.network.channels}, on {by}"
+        )
+        training.run(options.minutes, report)
     return 0
 
 

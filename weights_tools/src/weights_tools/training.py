@@ -13,6 +13,7 @@ from torch import Tensor
 from weights_tools.checkpoint import load_checkpoint, save_checkpoint
 from weights_tools.curves import write_picture, write_table
 from weights_tools.dataset import Dataset, Samples
+from weights_tools.distributed import Processes
 from weights_tools.errors import InputError
 from weights_tools.lift import lift_of
 from weights_tools.metrics import mass_error, relative_error
@@ -49,18 +50,22 @@ class Training:
         recipe: Recipe,
         data: Dataset,
         folder: Path,
-        device: torch.device,
+        processes: Processes,
         start: Path | None = None,
     ) -> None:
         """The run of a folder, or a new one, from the parameters of the checkpoint ``start``.
 
-        Raises :class:`InputError` for a checkpoint of another recipe, data or network.
+        Raises :class:`InputError` for a checkpoint of another recipe, data or network, and for
+        batches of fewer samples than there are processes.
         """
-        self.recipe, self.data, self.folder, self.device = recipe, data, folder, device
+        self.recipe, self.data, self.folder = recipe, data, folder
+        self.processes, self.device = processes, processes.device
+        self._check_processes()
         torch.manual_seed(recipe.training.seed)
         channels = recipe.network.channels(len(data.geometry), data.levels)
         self.network = Network(channels, lift_of(_layout(recipe, data)))
-        self.network.to(device, memory_format=torch.channels_last)
+        self.network.to(self.device, memory_format=torch.channels_last)
+        self.layers = processes.layers(self.network)
         muon_share = recipe.training.muon_learning_rate / recipe.training.learning_rate
         self.optimizers = Optimizers(self.network, muon_share)
         self.shifter = None
@@ -84,6 +89,9 @@ class Training:
             self._resume(load_checkpoint(folder / LAST))
         elif start is not None:
             self._start(start, load_checkpoint(start))
+        if processes.agreed(self.epoch) != [self.epoch]:
+            remedy = "put it where all processes see it"
+            raise InputError(folder, "is not the folder that the first process has", remedy)
 
     def run(self, minutes: float | None, report: Callable[[str], None]) -> None:
         """Train to the recipe's last epoch, or for ``minutes`` in all if that is sooner.
@@ -95,9 +103,11 @@ class Training:
         while self.epoch < self.recipe.training.epochs and self.progress < 1.0:
             start = time.monotonic()
             loss = self._train_epoch(minutes, start)
-            epsilon, delta = self.scores()
+            scores = self.scores() if self.processes.first else (0.0, 0.0)
+            spent = time.monotonic() - start
+            epsilon, delta, spent = self.processes.agreed(*scores, spent)
             self.epoch += 1
-            self.elapsed_s += time.monotonic() - start
+            self.elapsed_s += spent
             row = {
                 "epoch": self.epoch,
                 "loss": loss,
@@ -107,7 +117,9 @@ class Training:
                 "minutes": self.elapsed_s / 60.0,
             }
             self.history.append(row)
-            self._save(is_best=epsilon <= min(row["validation_epsilon"] for row in self.history))
+            if self.processes.first:
+                best = min(row["validation_epsilon"] for row in self.history)
+                self._save(is_best=epsilon <= best)
             report(
                 f"epoch {self.epoch}/{self.recipe.training.epochs}  loss {loss:.5f}  "
                 f"validation epsilon {epsilon:.4f} delta {delta:+.4f}  "
@@ -133,20 +145,16 @@ class Training:
         training, samples = self.recipe.training, self.data.train
         generator = _generator(training.seed, self.epoch)
         order = torch.randperm(len(samples), generator=generator)
-        # A last batch that is too small would spoil the batch norm's statistics.
-        batches = [
-            batch for batch in order.split(training.batch) if 2 * len(batch) > training.batch
-        ]
-        batches = batches or [order]
+        batches = _batches(order, training.batch)
         total = 0.0
         for step, batch in enumerate(batches):
             progress = (self.epoch + step / len(batches)) / training.epochs
             if minutes is not None:
-                spent = self.elapsed_s + time.monotonic() - start
-                progress = max(progress, spent / (60.0 * minutes))
+                (spent,) = self.processes.agreed(time.monotonic() - start)
+                progress = max(progress, (self.elapsed_s + spent) / (60.0 * minutes))
             self.progress = max(self.progress, min(progress, 1.0))
             total += self._step(batch, learning_rate(training, self.progress), generator)
-        return total / len(batches)
+        return self.processes.mean(total / len(batches))
 
     def _step(self, batch: Tensor, rate: float, generator: torch.Generator) -> float:
         extinction, radiance = self.data.train.extinction[batch], self.data.train.radiance[batch]
@@ -156,13 +164,16 @@ class Training:
             extinction, radiance = self.neighbours.draw(extinction, radiance, generator)
         rows, cols = self._crop(radiance, generator)
         extinction = extinction[..., rows, cols]
-        images = self._input(self.recipe.sensor.sense(radiance, generator), rows, cols)
-        truth = (extinction / self.recipe.scaling.output_scale).to(self.device)
+        mine = self.processes.share(len(batch))
+        images = self._input(self.recipe.sensor.sense(radiance, generator)[mine], rows, cols)
+        truth = (extinction[mine] / self.recipe.scaling.output_scale).to(self.device)
         self.optimizers.zero_grad()
         reduced = self.recipe.training.reduced_precision
         with torch.autocast(self.device.type, torch.bfloat16, enabled=reduced):
-            outputs = self.network.layers(images, self.recipe.training.leak)
-        loss = loss_of(self.recipe.loss, truth, outputs.float())
+            outputs = self.layers(images, self.recipe.training.leak)
+        # By the clouds of each share, so that the mean over processes is that over the batch.
+        weight = len(truth) * self.processes.count / len(batch)
+        loss = weight * loss_of(self.recipe.loss, truth, outputs.float())
         loss.backward()
         self.optimizers.step(rate)
         return loss.item()
@@ -186,6 +197,13 @@ class Training:
         scaled = radiance.to(self.device) * self.recipe.scaling.input_scale
         lifted = self.network.lifted(scaled)[..., rows, cols]
         return lifted.contiguous(memory_format=torch.channels_last)
+
+    def _check_processes(self) -> None:
+        size = self.recipe.training.batch
+        smallest = min(map(len, _batches(torch.arange(len(self.data.train)), size)))
+        if smallest < self.processes.count:
+            problem = f"has batches of {smallest} samples for {self.processes.count} processes"
+            raise InputError("the training", problem, "start fewer, or make training.batch larger")
 
     def _save(self, is_best: bool) -> None:
         checkpoint: dict[str, Any] = {
@@ -246,6 +264,11 @@ class Training:
 def validation_images(data: Dataset, sensor: Sensor, seed: int) -> Tensor:
     """The validation clouds' images with the one noise that scores are taken with."""
     return sensor.sense(data.validation.radiance, _generator(seed, _VALIDATION_NOISE))
+
+
+def _batches(order: Tensor, size: int) -> list[Tensor]:
+    # A last batch that is too small would spoil the batch norm's statistics.
+    return [batch for batch in order.split(size) if 2 * len(batch) > size] or [order]
 
 
 def _part(length: int, crop: int, shift: int) -> slice:
