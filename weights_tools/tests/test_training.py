@@ -7,6 +7,7 @@ import pytest
 import torch
 
 from weights_tools.checkpoint import load_checkpoint
+from weights_tools.curves import figure
 from weights_tools.dataset import load_dataset
 from weights_tools.distributed import Processes
 from weights_tools.errors import InputError
@@ -104,6 +105,50 @@ def test_minutes_end_a_training_with_its_learning_rate_gone(data, tmp_path):
     run.run(0.02, silent)
     assert run.progress == 1.0 and 1 <= run.epoch < 100_000
     assert run.history[-1]["learning_rate"] == 0.0
+
+
+def test_patience_ends_a_training_that_gets_no_better(data, tmp_path):
+    # So fast a learner is soon worse than it was.
+    training = replace(RECIPE.training, epochs=200, learning_rate=0.1, patience=3)
+    run = Training(replace(RECIPE, training=training), data, tmp_path, CPU)
+    lines = []
+    run.run(None, lines.append)
+    epsilon = [row["validation_epsilon"] for row in run.history]
+    best = 1 + epsilon.index(min(epsilon))
+    assert run.epoch == best + 3 < 200
+    assert lines[-1] == f"ends with no smaller epsilon since epoch {best}"
+    assert load_checkpoint(tmp_path / BEST)["epoch"] == best
+    # The same command does not go on.
+    again = Training(replace(RECIPE, training=training), data, tmp_path, CPU)
+    assert again.ended
+    again.run(None, silent)
+    assert again.epoch == run.epoch
+
+
+def test_a_picture_says_what_its_axes_are():
+    history = [
+        {"epoch": 1, "loss": 2.0, "validation_epsilon": 0.9, "validation_delta": 0.4},
+        {"epoch": 2, "loss": 1.0, "validation_epsilon": 0.7, "validation_delta": 0.2},
+        {"epoch": 3, "loss": 0.9, "validation_epsilon": float("nan"), "validation_delta": 0.1},
+    ]
+    drawing = figure(history)
+    for axes, name in zip(drawing.axes, ("training loss (of scaled extinction)", "score")):
+        assert axes.get_xlabel() == "epoch" and axes.get_ylabel().startswith(name)
+    texts = [text.get_text() for text in drawing.axes[1].get_legend().get_texts()]
+    assert texts[0].startswith("epsilon") and texts[1].startswith("delta")
+    assert texts[2] == "best: epoch 2"
+
+
+def test_a_checkpoint_from_before_a_setting_goes_on(data, tmp_path):
+    with pytest.raises(Killed):
+        Training(RECIPE, data, tmp_path, CPU).run(None, kill_after(2))
+    checkpoint = load_checkpoint(tmp_path / LAST)
+    del checkpoint["recipe"]["training"]["patience"], checkpoint["recipe"]["network"]["planes"]
+    torch.save(checkpoint, tmp_path / LAST)
+    assert Training(RECIPE, data, tmp_path, CPU).epoch == 2
+    patient = replace(RECIPE, training=replace(RECIPE.training, patience=9))
+    with pytest.raises(InputError, match="another recipe"):
+        Training(patient, data, tmp_path, CPU)
 
 
 @pytest.mark.parametrize("precision", [False, True])

@@ -111,6 +111,9 @@ class TrainingRecipe:
     """Farthest that a crop is off the middle along rows and along columns."""
     crop_until: float = 0.8
     """Share of the training after which nothing is cropped any more."""
+    patience: int = 0
+    """Epochs without a smaller epsilon on the validation clouds that end the training; 0 lets
+    it go on to its last epoch."""
     reduced_precision: bool = True
     """Convolutions in bfloat16 while training (never when scores are taken)."""
 
@@ -129,6 +132,14 @@ class Recipe:
     def resolved(self) -> dict[str, Any]:
         """Every setting, the defaults included, as plain values."""
         return asdict(self)
+
+
+def completed(settings: dict[str, Any]) -> dict[str, Any]:
+    """The settings of a checkpoint; those that it is too old to know have their defaults, with
+    which a training is what it was without them."""
+    defaults = Recipe(settings["formation"]).resolved()
+    tables = {key: table for key, table in defaults.items() if isinstance(table, dict)}
+    return {**settings, **{key: {**table, **settings[key]} for key, table in tables.items()}}
 
 
 def load_recipe(path: str | Path) -> Recipe:
@@ -194,6 +205,7 @@ def _check(recipe: Recipe, path: Path) -> None:
         ("training.muon_learning_rate", training.muon_learning_rate >= 0.0, "0 or more"),
         ("training.warmup", 0.0 < training.warmup < 1.0, "between 0 and 1"),
         ("training.leak", 0.0 <= training.leak < 1.0, "at least 0 and below 1"),
+        ("training.patience", training.patience >= 0, "0 or more"),
         ("training.crop", training.crop >= 0, "0 or more"),
         ("training.crop_shift", training.crop_shift >= 0, "0 or more"),
         ("training.crop_until", 0.0 <= training.crop_until <= 1.0, "between 0 and 1"),

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from weights_tools.checkpoint import load_checkpoint, save_checkpoint
-from weights_tools.curves import write_picture, write_table
+from weights_tools.curves import best_epoch, write_picture, write_table
 from weights_tools.dataset import Dataset, Samples
 from weights_tools.distributed import Processes
 from weights_tools.errors import InputError
@@ -20,7 +20,7 @@ from weights_tools.metrics import mass_error, relative_error
 from weights_tools.model import Network
 from weights_tools.neighbours import Neighbours
 from weights_tools.optimizer import Optimizers
-from weights_tools.recipe import LossRecipe, Recipe, TrainingRecipe
+from weights_tools.recipe import LossRecipe, Recipe, TrainingRecipe, completed
 from weights_tools.sensor import Sensor
 from weights_tools.shift import Shifter
 
@@ -96,11 +96,12 @@ class Training:
     def run(self, minutes: float | None, report: Callable[[str], None]) -> None:
         """Train to the recipe's last epoch, or for ``minutes`` in all if that is sooner.
 
-        The learning rate follows whichever of the two is nearer its end.
+        The learning rate follows whichever of the two is nearer its end. Where the recipe has a
+        patience, that may end it before.
         """
         if self.epoch:
             report(f"going on after epoch {self.epoch}")
-        while self.epoch < self.recipe.training.epochs and self.progress < 1.0:
+        while not self.ended:
             start = time.monotonic()
             loss = self._train_epoch(minutes, start)
             scores = self.scores() if self.processes.first else (0.0, 0.0)
@@ -118,13 +119,24 @@ class Training:
             }
             self.history.append(row)
             if self.processes.first:
-                best = min(row["validation_epsilon"] for row in self.history)
-                self._save(is_best=epsilon <= best)
+                self._save()
             report(
                 f"epoch {self.epoch}/{self.recipe.training.epochs}  loss {loss:.5f}  "
                 f"validation epsilon {epsilon:.4f} delta {delta:+.4f}  "
                 f"learning rate {row['learning_rate']:.2e}  {row['minutes']:.1f} min"
             )
+        if self.epoch < self.recipe.training.epochs and self.progress < 1.0:
+            report(f"ends with no smaller epsilon since epoch {best_epoch(self.history)}")
+
+    @property
+    def ended(self) -> bool:
+        """Whether its epochs, its time or its patience are over."""
+        training = self.recipe.training
+        if self.epoch >= training.epochs or self.progress >= 1.0:
+            return True
+        if training.patience == 0 or not self.history:
+            return False
+        return self.epoch - best_epoch(self.history) >= training.patience
 
     def scores(self) -> tuple[float, float]:
         """Mean epsilon and mean delta over the validation clouds, each with one fixed noise."""
@@ -205,7 +217,7 @@ class Training:
             problem = f"has batches of {smallest} samples for {self.processes.count} processes"
             raise InputError("the training", problem, "start fewer, or make training.batch larger")
 
-    def _save(self, is_best: bool) -> None:
+    def _save(self) -> None:
         checkpoint: dict[str, Any] = {
             "epoch": self.epoch,
             "model_state_dict": {
@@ -220,12 +232,11 @@ class Training:
             "metadata": self._metadata(),
             "started_from": self.started_from,
         }
-        if is_best:
+        if best_epoch(self.history) == self.epoch:
             save_checkpoint(self.folder / BEST, checkpoint)
         save_checkpoint(self.folder / LAST, checkpoint)
         write_table(self.history, self.folder)
-        ends = self.epoch == self.recipe.training.epochs or self.progress == 1.0
-        if ends or self.epoch % EPOCHS_PER_PICTURE == 0:
+        if self.ended or self.epoch % EPOCHS_PER_PICTURE == 0:
             write_picture(self.history, self.folder)
 
     def _metadata(self) -> dict[str, Any]:
@@ -237,7 +248,7 @@ class Training:
     def _start(self, path: Path, checkpoint: dict[str, Any]) -> None:
         recipe = self.recipe.resolved()
         remedy = "start from a checkpoint of a training with the same [network] and [scaling]"
-        theirs = checkpoint.get("recipe", {})
+        theirs = completed(checkpoint["recipe"]) if "recipe" in checkpoint else {}
         if any(theirs.get(part) != recipe[part] for part in ("formation", "network", "scaling")):
             raise InputError(path, "is not of a network like that of the recipe", remedy)
         self.network.load_state_dict(checkpoint["model_state_dict"])
@@ -248,7 +259,7 @@ class Training:
         remedy = "go on with the same recipe and data, or train in another folder"
         if "metadata" not in checkpoint:
             raise InputError(path, "is not a checkpoint of this program", remedy)
-        if checkpoint["recipe"] != self.recipe.resolved():
+        if completed(checkpoint["recipe"]) != self.recipe.resolved():
             raise InputError(path, "was trained by another recipe", remedy)
         if checkpoint["metadata"]["training"]["identity"] != self.data.identity:
             raise InputError(path, "was trained on other data", remedy)
