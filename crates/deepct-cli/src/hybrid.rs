@@ -19,7 +19,7 @@ pub(crate) struct Args {
     /// Weights: a file, or the name of built-in ones (cloudct-10, pearls-32)
     #[arg(long, value_name = "FILE|NAME")]
     weights: PathBuf,
-    /// Take 10 steps only
+    /// Take 10 steps only, by a solver with the ordinates of the coarse grids
     #[arg(long, conflicts_with = "iterations")]
     quick: bool,
     #[command(flatten)]
@@ -33,6 +33,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
     settings.inversion.check()?;
     if args.quick {
         settings.inversion.iterations = QUICK_ITERATIONS;
+        settings.solver.hurry();
     }
     let network = Network::new(&load_weights(&args.weights)?)?;
     let observation = read_observation(&args.images)?;
@@ -43,8 +44,8 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
         flags: &args.flags,
         settings,
         observation,
-        grid: start.grid,
-        start: Start::Volume(start),
+        grid: start.extinction.grid,
+        start: Start::Estimate(start),
         init: args.weights.display().to_string(),
     };
     job.run(global)?;

@@ -72,6 +72,11 @@ pub(crate) struct SolverSettings {
 }
 
 impl SolverSettings {
+    /// Take the ordinates of the coarse grids for all.
+    pub(crate) fn hurry(&mut self) {
+        self.zenith_angles = self.coarse_zenith_angles;
+    }
+
     fn ordinates(&self, zenith_angles: usize) -> OrdinatesSettings {
         OrdinatesSettings {
             zenith_angles,
@@ -153,7 +158,7 @@ impl Job<'_> {
         let mut models = self.models()?;
         let settings = &self.settings.inversion;
         let coarse = match self.start {
-            Start::Volume(_) => 0,
+            Start::Estimate(_) => 0,
             _ => settings.coarse.len() * settings.coarse_iterations,
         };
         let steps = settings.iterations + coarse;

@@ -4,7 +4,7 @@ use crate::global::Global;
 use crate::inversion::{DEFAULTS, Flags, InvertSettings, Job};
 use crate::{Outcome, config};
 use deepct_core::inversion::Start;
-use deepct_core::io::{read_grid, read_observation, read_volume};
+use deepct_core::io::{read_estimate, read_grid, read_observation};
 use deepct_core::{Error, Result};
 use std::path::PathBuf;
 
@@ -61,6 +61,6 @@ fn start(init: &str) -> Result<Start> {
             Ok(Start::Constant(extinction))
         }
         Ok(extinction) => Err(Error::out_of_range("--init", extinction, "positive (1/km)")),
-        Err(_) => Ok(Start::Volume(read_volume(init)?)),
+        Err(_) => Ok(Start::Estimate(read_estimate(init)?)),
     }
 }

@@ -13,13 +13,15 @@ use deepct_core::image::ViewStack;
 use deepct_core::inversion::{
     self, InversionSettings, OrdinatesModels, Problem, QUICK_ITERATIONS, Start, network_grid,
 };
-use deepct_core::optics::{Medium, PhaseFunction};
+use deepct_core::optics::air::Air;
+use deepct_core::optics::{DropletSettings, DropletTable, Medium, PhaseFunction};
 use deepct_core::scene::{self, Observation, Scene, Surface};
 use deepct_core::transport::OrdinatesSettings;
 use numpy::PyArray3;
 use numpy::ndarray::Array3;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
+use std::sync::Arc;
 
 /// What an inversion came to.
 ///
@@ -51,6 +53,8 @@ struct Request {
     asymmetry: f64,
     single_scattering_albedo: f64,
     surface_albedo: f64,
+    effective_radius: Option<f32>,
+    air: bool,
     settings: InversionSettings,
 }
 
@@ -64,11 +68,24 @@ impl Request {
     }
 
     fn models(&self, grid: deepct_core::grid::Grid) -> Result<OrdinatesModels> {
-        let phase_function = PhaseFunction::henyey_greenstein(self.asymmetry)?;
         let nothing = Volume::constant(grid, 0.0);
-        let medium = Medium::new(nothing, self.single_scattering_albedo, phase_function)?;
+        let wavelength = self.observation.wavelength;
+        let medium = match self.effective_radius {
+            None => {
+                let phase_function = PhaseFunction::henyey_greenstein(self.asymmetry)?;
+                Medium::new(nothing, self.single_scattering_albedo, phase_function)?
+            }
+            Some(radius) => {
+                let water = DropletSettings::water(wavelength);
+                let table = DropletTable::mie(&water, &[f64::from(radius)])?;
+                let radii = Array3::from_elem(grid.shape, radius);
+                Medium::of_droplets(nothing, radii, Arc::new(table))?
+            }
+        };
         let surface = Surface::lambertian(self.surface_albedo);
         let scene = Scene::new(medium, self.observation.sun, surface)?;
+        let air = if self.air { Some(Air::new(wavelength)?) } else { None };
+        let scene = Scene { air, ..scene };
         let views = self.observation.views.clone();
         Ok(OrdinatesModels::new(scene, views, OrdinatesSettings::default()))
     }
@@ -118,6 +135,13 @@ type Answer = inversion::Reconstruction;
 ///     Probability that an interaction scatters and does not absorb.
 /// surface_albedo : float
 ///     Share of the flux that the Lambertian surface at altitude 0 reflects.
+/// effective_radius : float, optional
+///     Effective radius of all droplets (um): they scatter by Mie's theory, in place of
+///     `asymmetry` and `single_scattering_albedo`.
+/// air : bool
+///     Whether there is the air of the standard atmosphere.
+/// wavelength_um : float
+///     Wavelength of the images (um), for droplets and air.
 /// settings
 ///     Keywords: the settings that `deepct config invert` prints under `[inversion]`, such
 ///     as `iterations`.
@@ -136,7 +160,7 @@ type Answer = inversion::Reconstruction;
 #[pyo3(signature = (
     radiance, views, grid, sun = None, *, start = None, mask = None, standard_error = None,
     truth = None, asymmetry = 0.86, single_scattering_albedo = 1.0, surface_albedo = 0.05,
-    **settings,
+    effective_radius = None, air = false, wavelength_um = 0.672, **settings,
 ))]
 // Keywords with defaults on the side that users see.
 #[allow(clippy::too_many_arguments)]
@@ -153,15 +177,20 @@ pub(crate) fn invert(
     asymmetry: f64,
     single_scattering_albedo: f64,
     surface_albedo: f64,
+    effective_radius: Option<f32>,
+    air: bool,
+    wavelength_um: f64,
     settings: Option<&Bound<'_, PyDict>>,
 ) -> PyResult<Reconstruction> {
     let request = Request {
-        observation: observation(radiance, views, sun, standard_error)?,
+        observation: observation(radiance, views, sun, standard_error, wavelength_um)?,
         mask: mask.map(|mask| booleans(mask, "mask", VOLUME)).transpose()?,
         truth: optional(truth, "truth")?,
         asymmetry,
         single_scattering_albedo,
         surface_albedo,
+        effective_radius,
+        air,
         settings: keywords(py, settings)?,
     };
     let start = match start {
@@ -171,7 +200,7 @@ pub(crate) fn invert(
             (_, Ok(word)) if word == "auto" => Start::Search,
             _ => {
                 let values = Floats::new(start, "start", VOLUME)?.to_owned();
-                Start::Volume(Volume::new(grid.0, values).map_err(raise)?)
+                Start::Estimate(Volume::new(grid.0, values).map_err(raise)?.into())
             }
         },
     };
@@ -196,10 +225,11 @@ pub(crate) fn invert(
 /// sun : Sun, optional
 ///     Zenith 30 and azimuth 45 degrees where it is not given.
 /// quick : bool
-///     Take 10 steps only.
+///     Take 10 steps only, by a solver with fewer ordinates.
 /// mask : array of bool, [z, y, x], optional
 ///     Where cloud is looked for; carved from the images where it is not given.
-/// standard_error, truth, asymmetry, single_scattering_albedo, surface_albedo, settings
+/// standard_error, truth, asymmetry, single_scattering_albedo, surface_albedo, effective_radius,
+/// air, wavelength_um, settings
 ///     As in `invert`.
 ///
 /// Returns
@@ -217,7 +247,8 @@ pub(crate) fn invert(
 #[pyo3(signature = (
     radiance, views, network, sun = None, *, quick = false, mask = None,
     standard_error = None, truth = None, asymmetry = 0.86, single_scattering_albedo = 1.0,
-    surface_albedo = 0.05, **settings,
+    surface_albedo = 0.05, effective_radius = None, air = false, wavelength_um = 0.672,
+    **settings,
 ))]
 #[allow(clippy::too_many_arguments)]
 pub(crate) fn hybrid(
@@ -233,15 +264,20 @@ pub(crate) fn hybrid(
     asymmetry: f64,
     single_scattering_albedo: f64,
     surface_albedo: f64,
+    effective_radius: Option<f32>,
+    air: bool,
+    wavelength_um: f64,
     settings: Option<&Bound<'_, PyDict>>,
 ) -> PyResult<Reconstruction> {
     let mut request = Request {
-        observation: observation(radiance, views, sun, standard_error)?,
+        observation: observation(radiance, views, sun, standard_error, wavelength_um)?,
         mask: mask.map(|mask| booleans(mask, "mask", VOLUME)).transpose()?,
         truth: optional(truth, "truth")?,
         asymmetry,
         single_scattering_albedo,
         surface_albedo,
+        effective_radius,
+        air,
         settings: keywords(py, settings)?,
     };
     if quick {
@@ -251,6 +287,9 @@ pub(crate) fn hybrid(
     let solved = py.detach(|| {
         let grid = network_grid(network, &request.observation)?;
         request.solve(grid, |problem, models, settings| {
+            if quick {
+                *models = models.clone().quick();
+            }
             inversion::hybrid(problem, network, models, settings, &())
         })
     });
@@ -262,11 +301,13 @@ fn observation(
     views: ViewSequence,
     sun: Option<Sun>,
     standard_error: Option<&Bound<'_, PyAny>>,
+    wavelength_um: f64,
 ) -> PyResult<Observation> {
     let images = ViewStack::new(Floats::new(radiance, "radiance", IMAGES)?.to_owned());
     let sun = sun.map_or_else(scene::Sun::default, |sun| sun.0);
     let mut observation =
         images.and_then(|images| Observation::new(sun, views.0, images)).map_err(raise)?;
+    observation.wavelength = wavelength_um;
     if let Some(errors) = standard_error {
         let errors = Floats::new(errors, "standard_error", IMAGES)?.to_owned();
         observation.standard_error = Some(ViewStack::new(errors).map_err(raise)?);

@@ -6,7 +6,7 @@ use deepct_core::optics::extinction;
 #[test]
 fn the_main_job_with_nothing_else_given() {
     let program = Program::new();
-    let table = program.succeed("demo --samples 64");
+    let table = program.succeed("demo");
     let folder = program.path("deepct-demo");
     for picture in ["images.png", "cloud.png"] {
         let bytes = std::fs::read(folder.join(picture)).unwrap();

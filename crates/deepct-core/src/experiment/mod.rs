@@ -129,7 +129,7 @@ pub enum Method {
     Physics,
     /// Inversion from the network's answer.
     Hybrid,
-    /// A few steps of the same.
+    /// A few steps of the same, by a solver with fewer ordinates.
     QuickHybrid,
 }
 
@@ -156,6 +156,8 @@ pub struct Outcome {
     pub cloud: String,
     /// The way.
     pub method: Method,
+    /// Optical depth of its thickest column.
+    pub optical_depth: f64,
     /// Relative error epsilon.
     pub relative_error: f64,
     /// Relative error of the total extinction delta.

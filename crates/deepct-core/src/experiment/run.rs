@@ -15,6 +15,7 @@ use crate::network::Network;
 use crate::plot::volume_figure;
 use crate::scene::Observation;
 use crate::transport::OrdinatesSettings;
+use ndarray::Axis;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -139,6 +140,7 @@ impl Bench<'_> {
         let outcome = Outcome {
             cloud: case.name.clone(),
             method,
+            optical_depth: thickest(&work.truth),
             relative_error: metrics::relative_error(&work.truth, extinction)?,
             mass_error: metrics::mass_error(&work.truth, extinction)?,
             seconds,
@@ -178,7 +180,7 @@ impl Bench<'_> {
         let settings = &self.settings.inversion;
         match method {
             Method::Network => {
-                let mut extinction = network_start(&self.network, observation)?;
+                let mut extinction = network_start(&self.network, observation)?.extinction;
                 mask.apply(&mut extinction)?;
                 let (history, ending) = (Vec::new(), Ending::Iterations);
                 Ok(Reconstruction { extinction, history, ending })
@@ -191,8 +193,15 @@ impl Bench<'_> {
             Method::QuickHybrid => {
                 let iterations = self.settings.quick_iterations;
                 let quick = InversionSettings { iterations, ..settings.clone() };
-                hybrid(&problem, &self.network, &mut models, &quick, watch)
+                hybrid(&problem, &self.network, &mut models.quick(), &quick, watch)
             }
         }
     }
+}
+
+/// Optical depth of the thickest column.
+fn thickest(extinction: &Volume) -> f64 {
+    let columns = extinction.values.sum_axis(Axis(0));
+    let largest = columns.iter().copied().fold(0.0, f32::max);
+    f64::from(largest) * extinction.grid.spacing.z
 }

@@ -2,8 +2,8 @@
 
 use super::{InversionSettings, Models, Problem, Reconstruction, Start, Watch, invert};
 use crate::error::{Error, Result};
-use crate::grid::{Grid, Volume};
-use crate::network::Network;
+use crate::grid::Grid;
+use crate::network::{Estimate, Network};
 use crate::scene::{Observation, target};
 
 /// Steps of the quick hybrid.
@@ -19,15 +19,15 @@ pub fn network_grid(network: &Network, observation: &Observation) -> Result<Grid
     network.grid([target.x, target.y], [rows, cols])
 }
 
-/// What the network says of the cloud in an observation (1/km).
+/// What the network says of the cloud in an observation.
 ///
 /// # Errors
 /// Images that are not what the weights are for, with the number that differs.
-pub fn network_start(network: &Network, observation: &Observation) -> Result<Volume> {
+pub fn network_start(network: &Network, observation: &Observation) -> Result<Estimate> {
     let target = target(&observation.views)?;
     let geometry = observation.geometry();
     network.metadata().check_images(&geometry, target.z, observation.wavelength)?;
-    network.infer(&observation.images, [target.x, target.y])
+    network.estimate(&observation.images, [target.x, target.y])
 }
 
 /// The extinction of an observation, inverted from what the network says of it.
@@ -42,14 +42,15 @@ pub fn hybrid(
     watch: &dyn Watch,
 ) -> Result<Reconstruction> {
     let mut start = network_start(network, problem.observation)?;
-    if !start.grid.matches(&problem.mask.grid) {
+    let grid = start.extinction.grid;
+    if !grid.matches(&problem.mask.grid) {
         return Err(Error::mismatch(
             "grid of the mask",
-            format!("{:?} voxels from {} km", start.grid.shape, start.grid.origin),
+            format!("{:?} voxels from {} km", grid.shape, grid.origin),
             format!("{:?} voxels from {} km", problem.mask.grid.shape, problem.mask.grid.origin),
             "carve a mask on the grid of the network's answer",
         ));
     }
-    problem.mask.apply(&mut start)?;
-    invert(problem, models, &Start::Volume(start), settings, watch)
+    problem.mask.apply(&mut start.extinction)?;
+    invert(problem, models, &Start::Estimate(start), settings, watch)
 }

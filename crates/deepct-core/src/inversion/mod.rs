@@ -37,6 +37,7 @@ pub use settings::{InversionSettings, Variable};
 use crate::error::Result;
 use crate::grid::{Mask, Volume};
 use crate::image::ViewStack;
+use crate::network::Estimate;
 use crate::scene::Observation;
 use serde::{Deserialize, Serialize};
 
@@ -84,8 +85,9 @@ pub enum Start {
     Constant(f64),
     /// The same extinction everywhere, the one that fits the images best.
     Search,
-    /// An extinction on the grid of the mask.
-    Volume(Volume),
+    /// An extinction on the grid of the mask, from a file or a network; how far off it is
+    /// expected to be, if that is told, is part of the prior.
+    Estimate(Estimate),
 }
 
 /// One step of an inversion.

@@ -1,7 +1,7 @@
 //! What is minimised: half the misfit plus the prior, by pixel.
 
 use super::optimiser::Function;
-use super::prior::Smoothness;
+use super::prior::Prior;
 use super::variables::Variables;
 use super::{ForwardModel, InversionSettings, Measurement};
 use crate::error::Result;
@@ -18,7 +18,7 @@ pub(super) struct Objective<'a> {
     pub(super) model: Box<dyn ForwardModel + 'a>,
     pub(super) measurement: &'a Measurement,
     pub(super) variables: Variables,
-    pub(super) prior: Smoothness,
+    pub(super) prior: Prior,
     /// Extinction of the cloudy parts that the prior expects (1/km).
     expected: Vec<f64>,
     /// The point of the last value, with the model's images there.
@@ -32,7 +32,7 @@ impl<'a> Objective<'a> {
         model: Box<dyn ForwardModel + 'a>,
         measurement: &'a Measurement,
         variables: Variables,
-        prior: Smoothness,
+        prior: Prior,
     ) -> Self {
         let expected = vec![0.0; variables.len()];
         Self { model, measurement, variables, prior, expected, last: None, misfit: f64::INFINITY }

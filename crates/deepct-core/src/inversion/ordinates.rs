@@ -32,6 +32,11 @@ impl OrdinatesModels {
         Self { scene, views, settings, coarse_settings }
     }
 
+    /// The same with the ordinates of the coarser grids on all: several times as fast.
+    pub fn quick(self) -> Self {
+        Self { settings: self.coarse_settings, ..self }
+    }
+
     /// What collisions do on a grid of blocks of voxels.
     fn scattering(&self, grid: &Grid) -> Scattering {
         let Scattering::Droplets { effective_radius, table } = &self.scene.medium.scattering else {

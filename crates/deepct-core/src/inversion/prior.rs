@@ -1,17 +1,21 @@
-//! What is known of clouds before they are seen: extinction does not jump everywhere.
+//! What is known of clouds before they are seen: extinction does not jump everywhere, and a
+//! network may have told how far off it expects to be.
 
 use crate::grid::Grid;
 use ndarray::Array3;
 
 /// Half the sum over all voxels and axes of `(d extinction / d axis / typical)^2`, the
 /// negative logarithm of a Gaussian Markov field; between neighbours that both are
-/// variables, so that the edge of the mask costs nothing.
+/// variables, so that the edge of the mask costs nothing. Where standard errors are given, half
+/// the sum of `(extinction / standard error)^2` besides.
 #[derive(Debug, Clone)]
-pub(super) struct Smoothness {
+pub(super) struct Prior {
     pairs: Vec<(usize, usize, f64)>,
+    /// One over the variance of each variable; empty where none is known.
+    precisions: Vec<f64>,
 }
 
-impl Smoothness {
+impl Prior {
     /// Of the variables with a positive share, numbered in the order of the array. A
     /// voxel of the grid stands for `block`^3 of those that count. `typical` is a gradient
     /// (1/km over 1 km); 0 makes all fields alike.
@@ -39,7 +43,12 @@ impl Smoothness {
                 }
             }
         }
-        Self { pairs }
+        Self { pairs, precisions: Vec::new() }
+    }
+
+    /// The same with a standard error (1/km) of each variable.
+    pub(super) fn with_errors(self, errors: &[f64]) -> Self {
+        Self { precisions: errors.iter().map(|error| error.powi(-2)).collect(), ..self }
     }
 
     pub(super) fn value(&self, extinction: &[f64]) -> f64 {
@@ -47,11 +56,17 @@ impl Smoothness {
             let difference = extinction[first] - extinction[second];
             weight * difference * difference
         });
-        0.5 * terms.sum::<f64>()
+        let squares = self.precisions.iter().zip(extinction).map(|(p, value)| p * value * value);
+        0.5 * (terms.sum::<f64>() + squares.sum::<f64>())
     }
 
     pub(super) fn gradient(&self, extinction: &[f64]) -> Vec<f64> {
         let mut gradient = vec![0.0; extinction.len()];
+        for ((gradient, precision), value) in
+            gradient.iter_mut().zip(&self.precisions).zip(extinction)
+        {
+            *gradient = precision * value;
+        }
         for &(first, second, weight) in &self.pairs {
             let push = weight * (extinction[first] - extinction[second]);
             gradient[first] += push;
@@ -62,7 +77,8 @@ impl Smoothness {
 
     /// The diagonal of the matrix of second derivatives.
     pub(super) fn diagonal(&self, count: usize) -> Vec<f64> {
-        let mut diagonal = vec![0.0; count];
+        let mut diagonal = self.precisions.clone();
+        diagonal.resize(count, 0.0);
         for &(first, second, weight) in &self.pairs {
             diagonal[first] += weight;
             diagonal[second] += weight;
@@ -82,13 +98,20 @@ mod tests {
     fn three_voxels_by_hand() {
         let grid = Grid::new(DVec3::ZERO, DVec3::splat(0.5), [1, 1, 4]).unwrap();
         let shares = ndarray::array![[[1.0, 0.5, 1.0, 0.0]]];
-        let prior = Smoothness::new(&grid, &shares, 1, 2.0);
+        let prior = Prior::new(&grid, &shares, 1, 2.0);
         let extinction = [1.0, 4.0, 2.0];
         assert!((prior.value(&extinction) - 6.5).abs() < 1e-12);
         assert_eq!(prior.gradient(&extinction), [-3.0, 5.0, -2.0]);
         assert_eq!(prior.diagonal(3), [1.0, 2.0, 1.0]);
-        let coarse = Smoothness::new(&grid, &shares, 2, 2.0);
+        let coarse = Prior::new(&grid, &shares, 2, 2.0);
         assert!((coarse.value(&extinction) - 8.0 * 6.5).abs() < 1e-12);
-        assert_eq!(Smoothness::new(&grid, &shares, 1, 0.0).value(&extinction), 0.0);
+        let alone = Prior::new(&grid, &shares, 1, 0.0);
+        assert_eq!(alone.value(&extinction), 0.0);
+
+        // With standard errors of 1, 2 and 4: (1 + 4 + 1 / 4) / 2 besides.
+        let known = prior.with_errors(&[1.0, 2.0, 4.0]);
+        assert!((known.value(&extinction) - 6.5 - 2.625).abs() < 1e-12);
+        assert_eq!(known.gradient(&extinction), [-2.0, 6.0, -1.875]);
+        assert_eq!(known.diagonal(3), [2.0, 2.25, 1.0625]);
     }
 }

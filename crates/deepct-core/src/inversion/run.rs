@@ -3,7 +3,7 @@
 use super::blocks::{coarsen, means, refine, shares};
 use super::objective::Objective;
 use super::optimiser::{Minimiser, MinimiserSettings, Step};
-use super::prior::Smoothness;
+use super::prior::Prior;
 use super::scale::scale;
 use super::variables::Variables;
 use super::{
@@ -13,11 +13,15 @@ use super::{
 use crate::error::{Error, Result};
 use crate::grid::{Grid, Mask, Volume};
 use crate::metrics;
+use crate::network::Estimate;
 use ndarray::Array3;
 use std::time::Instant;
 
 /// Steps over which [`InversionSettings::change`] is looked at.
 const PATIENCE: usize = 5;
+
+/// Least uncertainty of a start (1/km): what a network takes for clear may be thin cloud.
+const LEAST_UNCERTAINTY: f64 = 1.0;
 
 /// The extinction inside the mask whose images fit those of the observation.
 ///
@@ -104,8 +108,8 @@ struct Run<'a> {
     settings: &'a InversionSettings,
     watch: &'a dyn Watch,
     measurement: Measurement,
-    /// What the prior expects (1/km): a start that differs from voxel to voxel.
-    expected: Option<&'a Volume>,
+    /// What the prior expects: a start that differs from voxel to voxel.
+    expected: Option<&'a Estimate>,
     history: Vec<Record>,
     /// Time that was spent before this run.
     seconds: f64,
@@ -131,10 +135,15 @@ impl<'a> Run<'a> {
         let measurement =
             Measurement::new(observation, settings)?.of_mask(mask, &observation.views);
         let expected = match start {
-            Start::Volume(volume) => {
-                check_grid("grid of the start", &mask.grid, &volume.grid)?;
-                volume.check_non_negative("extinction of the start")?;
-                Some(volume)
+            Start::Estimate(estimate) => {
+                let Estimate { extinction, uncertainty } = estimate;
+                check_grid("grid of the start", &mask.grid, &extinction.grid)?;
+                extinction.check_non_negative("extinction of the start")?;
+                if let Some(uncertainty) = uncertainty {
+                    check_grid("grid of the uncertainty", &mask.grid, &uncertainty.grid)?;
+                    uncertainty.check_non_negative("uncertainty of the start")?;
+                }
+                Some(estimate)
             }
             Start::Constant(_) | Start::Search => None,
         };
@@ -163,7 +172,7 @@ impl<'a> Run<'a> {
             Start::Constant(extinction) => {
                 return Err(Error::out_of_range("start", extinction, "positive (1/km)"));
             }
-            Start::Volume(volume) => (volume.clone(), false),
+            Start::Estimate(estimate) => (estimate.extinction.clone(), false),
         };
         Ok((volume, search))
     }
@@ -171,7 +180,7 @@ impl<'a> Run<'a> {
     /// The sides of the blocks, from coarse to fine.
     fn blocks(&self, start: &Start) -> Vec<usize> {
         let coarse = match start {
-            Start::Volume(_) => &[][..],
+            Start::Estimate(_) => &[][..],
             Start::Constant(_) | Start::Search => &self.settings.coarse,
         };
         coarse.iter().copied().chain([1]).collect()
@@ -191,14 +200,22 @@ impl<'a> Run<'a> {
     ) -> Result<(Volume, Ending)> {
         let Level { block, grid, shares } = level;
         let variables = Variables::new(*grid, shares, self.settings);
-        let prior = Smoothness::new(grid, shares, *block, self.settings.typical_gradient);
+        let mut prior = Prior::new(grid, shares, *block, self.settings.typical_gradient);
+        if let Some(uncertainty) = self.expected.and_then(|start| start.uncertainty.as_ref()) {
+            if self.settings.start_error > 0.0 {
+                let uncertainty = means(uncertainty, self.mask, *block)?.values.mapv(|value| {
+                    self.settings.start_error * f64::from(value).max(LEAST_UNCERTAINTY)
+                });
+                prior = prior.with_errors(&variables.gather(&uncertainty));
+            }
+        }
         let coarse_error =
             if *block > 1 { *block as f64 * self.settings.coarse_error } else { 0.0 };
         let measurement = self.measurement.with_model_error(coarse_error);
         let mut objective =
             Objective::new(models.model(&level.mask()?)?, &measurement, variables, prior);
         if let Some(expected) = self.expected {
-            objective.expect(&means(expected, self.mask, *block)?);
+            objective.expect(&means(&expected.extinction, self.mask, *block)?);
         }
         let (mut minimiser, mut iteration) = match beginning {
             Beginning::Volume(extinction, search) => {

@@ -42,6 +42,9 @@ pub struct InversionSettings {
     /// differs from a start that is not the same everywhere: steeper ones cost, in
     /// proportion to their square. 0 leaves this out.
     pub typical_gradient: f64,
+    /// Standard error of each voxel of the start over the uncertainty that the network told of
+    /// it; 0 leaves this out.
+    pub start_error: f64,
     /// Stop when the misfit, the mean square of the residuals over their standard error,
     /// is no greater than this (discrepancy principle of Morozov 1966: 1). 0 leaves this
     /// out.
@@ -77,6 +80,7 @@ impl Default for InversionSettings {
             least_error: 0.002,
             coarse_error: 0.03,
             typical_gradient: 300.0,
+            start_error: 2.0,
             misfit: 1.0,
             change: 1e-3,
         }
@@ -101,6 +105,7 @@ impl InversionSettings {
             ("least_error", self.least_error),
             ("coarse_error", self.coarse_error),
             ("typical_gradient", self.typical_gradient),
+            ("start_error", self.start_error),
             ("misfit", self.misfit),
             ("change", self.change),
         ];

@@ -54,6 +54,13 @@ pub struct Estimate {
     pub uncertainty: Option<Volume>,
 }
 
+impl From<Volume> for Estimate {
+    /// An extinction of which no more is known.
+    fn from(extinction: Volume) -> Self {
+        Self { extinction, uncertainty: None }
+    }
+}
+
 impl Estimate {
     /// The relative error (epsilon) that the network expects of itself: the sum of the
     /// uncertainty over that of the extinction. `None` where no uncertainty is told.

@@ -262,6 +262,9 @@ def invert(
     asymmetry: float = 0.86,
     single_scattering_albedo: float = 1.0,
     surface_albedo: float = 0.05,
+    effective_radius: Optional[float] = None,
+    air: bool = False,
+    wavelength_um: float = 0.672,
     **settings: Any,
 ) -> Reconstruction: ...
 def hybrid(
@@ -277,6 +280,9 @@ def hybrid(
     asymmetry: float = 0.86,
     single_scattering_albedo: float = 1.0,
     surface_albedo: float = 0.05,
+    effective_radius: Optional[float] = None,
+    air: bool = False,
+    wavelength_um: float = 0.672,
     **settings: Any,
 ) -> Reconstruction: ...
 
