@@ -6,8 +6,9 @@ use crate::global::Global;
 use crate::progress::Progress;
 use clap::Subcommand;
 use deepct_core::Result;
-use deepct_core::dataset::{self, DatasetSettings, Generated};
+use deepct_core::dataset::{self, DatasetSettings, Generated, Plan, Share, Split};
 use std::path::PathBuf;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
 
 /// The commented defaults of `dataset generate`.
@@ -22,20 +23,16 @@ pub(crate) struct Args {
 
 #[derive(Debug, Subcommand)]
 enum Action {
+    /// Choose the samples, write which they are (plan.json), print how many of each split
+    Plan(Order),
     /// Make the samples that are not there yet; stop and start it as you like
     Generate {
-        /// Settings of the data set (TOML); `deepct config dataset` prints them all
-        #[arg(value_name = "CONFIG.toml")]
-        config: PathBuf,
-        /// Folder with the simulations that the settings name
-        #[arg(long, value_name = "DIR", default_value = ".")]
-        simulations: PathBuf,
-        /// Replace one setting
-        #[arg(long, value_name = "KEY=VALUE")]
-        set: Vec<String>,
-        /// Folder of the data set
-        #[arg(long, value_name = "DIR")]
-        out: PathBuf,
+        #[command(flatten)]
+        order: Order,
+        /// Make one of several shares only, such as 3/8, each in a process of its own; a call
+        /// without this finds their samples and writes the manifest
+        #[arg(long, value_name = "NUMBER/OF")]
+        share: Option<Share>,
     },
     /// Compare every sample with the manifest
     Check {
@@ -44,19 +41,42 @@ enum Action {
     },
 }
 
+/// Which data set, out of what, and where.
+#[derive(Debug, clap::Args)]
+struct Order {
+    /// Settings of the data set (TOML); `deepct config dataset` prints them all
+    #[arg(value_name = "CONFIG.toml")]
+    config: PathBuf,
+    /// Folder with the simulations that the settings name
+    #[arg(long, value_name = "DIR", default_value = ".")]
+    simulations: PathBuf,
+    /// Replace one setting
+    #[arg(long, value_name = "KEY=VALUE")]
+    set: Vec<String>,
+    /// Folder of the data set
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+}
+
+impl Order {
+    fn plan(&self, global: &Global) -> Result<Plan> {
+        let settings: DatasetSettings =
+            Settings::new(Some(self.config.clone()), self.set.clone()).resolve(DEFAULTS)?;
+        let snapshots = settings.snapshots().count() as u64;
+        let progress = Progress::start(global, "snapshots read", snapshots);
+        dataset::plan(&settings, &self.simulations, &self.out, &|done| progress.advance(done))
+    }
+}
+
 pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
     match &args.action {
-        Action::Generate { config, simulations, set, out } => {
-            let settings: DatasetSettings =
-                Settings::new(Some(config.clone()), set.clone()).resolve(DEFAULTS)?;
-            let snapshots = settings.snapshots() as u64;
-            let progress = Progress::start(global, "snapshots", snapshots);
-            let start = Instant::now();
-            let generated =
-                dataset::generate(&settings, simulations, out, &|_| progress.advance(1))?;
-            drop(progress);
-            report(generated, start.elapsed().as_secs_f64());
+        Action::Plan(order) => {
+            let plan = order.plan(global)?;
+            let [train, validation, test] =
+                [Split::Train, Split::Validation, Split::Test].map(|split| plan.count(split));
+            println!("{train} train, {validation} validation and {test} test samples");
         }
+        Action::Generate { order, share } => generate(order, *share, global)?,
         Action::Check { folder } => {
             let samples = dataset::Manifest::read(folder)?.samples.len() as u64;
             let progress = Progress::start(global, "samples", samples);
@@ -68,9 +88,26 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
     Ok(Outcome::Success)
 }
 
-fn report(Generated { samples, made }: Generated, seconds: f64) {
-    println!("{samples} samples, {made} of them made now in {seconds:.0} s");
+fn generate(order: &Order, share: Option<Share>, global: &Global) -> Result<()> {
+    let plan = order.plan(global)?;
+    let missing = plan.missing(&order.out, share) as u64;
+    let start = Instant::now();
+    let per_hour = |made: u64| 3600.0 * made as f64 / start.elapsed().as_secs_f64();
+    let progress = Progress::start(global, "samples", missing);
+    let made = AtomicU64::new(0);
+    let generated = dataset::generate(&plan, &order.simulations, &order.out, share, &|done| {
+        let made = made.fetch_add(done, Ordering::Relaxed) + done;
+        let text = format!("{made} of {missing}, {:.0} per hour", per_hour(made));
+        progress.advance_with(done, Some(&text));
+    })?;
+    drop(progress);
+    let Generated { samples, made } = generated;
+    println!(
+        "{samples} samples, {made} of them made now in {:.0} s",
+        start.elapsed().as_secs_f64()
+    );
     if made > 0 {
-        println!("{:.0} samples per hour", made as f64 / seconds * 3600.0);
+        println!("{:.0} samples per hour", per_hour(made as u64));
     }
+    Ok(())
 }

@@ -5,10 +5,12 @@ use deepct_core::Result;
 use deepct_core::inversion::{self, Checkpoint, Record};
 use deepct_core::io::write_checkpoint;
 use deepct_core::transport::{self, Watch};
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use indicatif::{HumanDuration, ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::io::IsTerminal;
 use std::path::Path;
+use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::time::{Duration, Instant};
 
 /// Counts finished units of a long work and shows how far it is.
 pub(crate) struct Progress {
@@ -17,7 +19,12 @@ pub(crate) struct Progress {
     done: AtomicU64,
     bar: Option<ProgressBar>,
     lines: bool,
+    start: Instant,
+    last_line: Mutex<Instant>,
 }
+
+/// Without a terminal, a line is printed at every quarter of the work and at least this often.
+const LINE_EVERY: Duration = Duration::from_secs(600);
 
 impl Progress {
     /// Start showing `what`, of which there are `total` units.
@@ -31,7 +38,9 @@ impl Progress {
             bar
         });
         let lines = !terminal && !global.quiet;
-        Self { what, total, done: AtomicU64::new(0), bar, lines }
+        let start = Instant::now();
+        let last_line = Mutex::new(start);
+        Self { what, total, done: AtomicU64::new(0), bar, lines, start, last_line }
     }
 
     /// Note that `units` more are finished. May be called from any thread.
@@ -40,7 +49,7 @@ impl Progress {
     }
 
     /// Note that `units` more are finished, and say something more of them.
-    fn advance_with(&self, units: u64, text: Option<&str>) {
+    pub(crate) fn advance_with(&self, units: u64, text: Option<&str>) {
         let before = self.done.fetch_add(units, Ordering::Relaxed);
         if let Some(bar) = &self.bar {
             bar.inc(units);
@@ -48,13 +57,31 @@ impl Progress {
                 bar.set_message(format!("{}: {text}", self.what));
             }
         }
-        let quarter = |done: u64| (4 * done).checked_div(self.total).unwrap_or(0);
-        if self.lines && quarter(before + units) > quarter(before) {
-            match text {
-                Some(text) => eprintln!("{}: {text}", self.what),
-                None => eprintln!("{}: {} of {}", self.what, before + units, self.total),
-            }
+        if self.lines && self.is_due(before, before + units) {
+            let done = before + units;
+            let text = text.map_or_else(|| format!("{done} of {}", self.total), str::to_owned);
+            eprintln!("{}: {text}{}", self.what, self.left(done));
         }
+    }
+
+    /// Whether another line is to be printed.
+    fn is_due(&self, before: u64, done: u64) -> bool {
+        let quarter = |done: u64| (4 * done).checked_div(self.total).unwrap_or(0);
+        let Ok(mut last_line) = self.last_line.lock() else { return false };
+        let due = quarter(done) > quarter(before) || last_line.elapsed() > LINE_EVERY;
+        if due {
+            *last_line = Instant::now();
+        }
+        due
+    }
+
+    /// The time left, in words, if all units take as long as those that are done.
+    fn left(&self, done: u64) -> String {
+        if done == 0 || done >= self.total {
+            return String::new();
+        }
+        let left = self.start.elapsed().mul_f64((self.total - done) as f64 / done as f64);
+        format!(", {} left", HumanDuration(left))
     }
 }
 

@@ -1,4 +1,4 @@
-"""The command line: ``weights_tools train | baselines | export | check``."""
+"""The command line: ``weights_tools generate | train | baselines | export | check``."""
 
 from __future__ import annotations
 
@@ -39,6 +39,16 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=version)
     verbs = parser.add_subparsers(required=True, metavar="VERB")
 
+    make = verbs.add_parser("generate", help="`deepct dataset generate` on a dask cluster")
+    make.add_argument("recipe", type=Path, help="TOML file of `deepct dataset`, see recipes/")
+    make.add_argument("--simulations", type=Path, default=Path(), help="folder (default: this)")
+    make.add_argument("--out", type=Path, required=True, help="folder of the dataset")
+    make.add_argument("--cluster", metavar="ADDRESS", help="scheduler (default: this machine)")
+    make.add_argument("--workers", type=_count, help="of this machine (default: all cores)")
+    make.add_argument("--shares", type=_count, help="parts (default: four for each thread)")
+    make.add_argument("--deepct", default="deepct", help="the program (default: on the PATH)")
+    make.set_defaults(run=_generate)
+
     train = verbs.add_parser("train", help="train by a recipe; goes on where it was stopped")
     train.add_argument("recipe", type=Path, help="TOML file, see recipes/")
     train.add_argument("--dataset", type=Path, required=True, help="folder of `deepct dataset`")
@@ -76,6 +86,25 @@ def _positive(text: str) -> float:
     if not 0.0 < value < float("inf"):
         raise argparse.ArgumentTypeError(f"{text} is not a positive number")
     return value
+
+
+def _count(text: str) -> int:
+    value = int(text)
+    if value < 1:
+        raise argparse.ArgumentTypeError(f"{text} is less than 1")
+    return value
+
+
+def _generate(options: argparse.Namespace) -> int:
+    try:
+        from weights_tools.generate import Order, cluster, generate
+    except ModuleNotFoundError as problem:
+        remedy = "install it with `pip install distributed`"
+        raise InputError("generate", f"{problem.name} is missing", remedy) from None
+    order = Order(options.recipe, options.simulations, options.out, options.deepct)
+    with cluster(options.cluster, options.workers) as client:
+        generate(order, client, options.shares, lambda line: print(line, flush=True))
+    return 0
 
 
 def _train(options: argparse.Namespace) -> int:

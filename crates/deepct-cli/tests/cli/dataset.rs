@@ -15,8 +15,13 @@ fn program() -> Program {
 #[test]
 fn a_data_set_is_made_resumed_and_checked() {
     let program = program();
-    let made = program.succeed("dataset generate set.toml --out set");
-    assert!(made.starts_with("2 samples, 2 of them made now"), "{made}");
+    let plan = program.succeed("dataset plan set.toml --out set");
+    assert_eq!(plan, "2 train, 0 validation and 0 test samples\n");
+    let made = program.run("dataset generate set.toml --share 1/1 --out set");
+    assert!(made.stdout.starts_with("2 samples, 2 of them made now"), "{}", made.stdout);
+    let halfway = ["samples: 1 of 2, ", " per hour, ", " left\n", "samples: 2 of 2, "];
+    assert!(halfway.iter().all(|text| made.stderr.contains(text)), "{}", made.stderr);
+    program.refuse("dataset check set", &["manifest.json"]);
     let again = program.succeed("dataset generate set.toml --out set");
     assert!(again.starts_with("2 samples, 0 of them made now"), "{again}");
     assert_eq!(program.succeed("dataset check set"), "2 samples, all as the manifest says\n");
@@ -33,4 +38,6 @@ fn wrong_input_is_refused() {
     program.refuse(formation, &["formation", "ten", "cloudct-10"]);
     program.refuse("dataset generate set.toml --simulations nowhere --out none", &["field.nc"]);
     program.refuse("dataset check set.toml", &["manifest.json"]);
+    let share = program.run("dataset generate set.toml --share 3/2 --out none");
+    assert!(share.code == 2 && share.stderr.contains("3/8"), "{}", share.stderr);
 }

@@ -1,58 +1,69 @@
 //! The making of a data set: snapshot by snapshot, cloud by cloud, resumable.
 
-use super::{DatasetSettings, FORMAT, Light, Manifest, Sample, Source};
-use crate::cloud::{self, Cloud, IsolateSettings, Isolated, Microphysics};
+use super::plan::{self, Plan, Planned, Share};
+use super::{DatasetSettings, FORMAT, Light, Manifest, Sample};
+use crate::cloud::{Cloud, Isolated, Microphysics};
 use crate::error::{Error, Result};
 use crate::grid::Grid;
-use crate::io::import::{ImportSettings, import_cloud};
 use crate::io::{self, Provenance};
 use crate::math::DVec3;
 use crate::optics::air::Air;
-use crate::optics::{DropletSettings, DropletTable, Medium};
+use crate::optics::{DropletTable, Medium};
 use crate::rng::{Purpose, RngExt, stream};
 use crate::scene::{Observation, Scene, Sun, Surface, View, view_geometry};
 use crate::transport::{self, Solver};
-use ndarray::Array3;
+use rayon::prelude::*;
 use sha2::{Digest, Sha256};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 
-/// How far the making of a data set has come.
+/// What of a data set is there.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Generated {
-    /// Samples in the folder.
+    /// Samples in the folder, of all or of the share.
     pub samples: usize,
     /// Those of them that were made now and not found.
     pub made: usize,
 }
 
-/// Make the data set of `settings` in `folder` from the simulations in `simulations`.
+/// Make the samples of a plan in `folder`, from the simulations in `simulations`: those of a
+/// share, or all, and then the manifest.
 ///
 /// Samples that are in the folder already are kept: a run that was stopped goes on
-/// where it was. `progress` is called after every snapshot with what is there.
+/// where it was. `progress` is called for every sample that is made.
 ///
 /// # Errors
-/// A folder with a data set of other settings; a simulation or a sample that cannot
-/// be read or written; settings out of range.
+/// A simulation or a sample that cannot be read or written; a simulation that is not the
+/// one of the plan; settings out of range.
 pub fn generate(
-    settings: &DatasetSettings,
+    plan: &Plan,
     simulations: &Path,
     folder: &Path,
-    progress: &(dyn Fn(Generated) + Sync),
+    share: Option<Share>,
+    progress: &(dyn Fn(u64) + Sync),
 ) -> Result<Generated> {
-    let workshop = Workshop::open(settings, simulations, folder)?;
+    let workshop = Workshop::open(&plan.configuration, simulations)?;
+    let samples = folder.join("samples");
+    std::fs::create_dir_all(&samples).map_err(Error::io(&samples))?;
+    let droplets = match plan.missing(folder, share) {
+        0 => None,
+        _ => Some(Arc::new(DropletTable::water(plan.configuration.wavelength)?)),
+    };
     let mut manifest = workshop.empty_manifest();
     let mut generated = Generated { samples: 0, made: 0 };
-    for (number, source) in settings.sources.iter().enumerate() {
-        for snapshot in (source.first..=source.last).step_by(source.every) {
-            for isolated in workshop.clouds(number, source, snapshot)? {
-                let (sample, made) = workshop.sample(number, source, snapshot, &isolated)?;
-                manifest.samples.push(sample);
-                generated.samples += 1;
-                generated.made += usize::from(made);
+    for snapshot in plan.snapshots(share) {
+        let exists = |planned: &Planned| folder.join(planned.file()).exists();
+        let missing: Vec<_> = snapshot.iter().filter(|planned| !exists(planned)).collect();
+        if let Some(droplets) = &droplets {
+            workshop.make(&missing, droplets, folder, progress)?;
+        }
+        generated.samples += snapshot.len();
+        generated.made += missing.len();
+        if share.is_none() {
+            for planned in snapshot {
+                manifest.samples.push(workshop.entry(planned, folder)?);
             }
             manifest.write(folder)?;
-            progress(generated);
         }
     }
     Ok(generated)
@@ -65,47 +76,19 @@ pub(super) fn sha256(path: &Path) -> Result<String> {
 }
 
 /// What stays the same from sample to sample.
-struct Workshop<'a> {
+pub(super) struct Workshop<'a> {
     settings: &'a DatasetSettings,
     simulations: &'a Path,
-    folder: &'a Path,
     sun: Sun,
     surface: Surface,
     air: Option<Air>,
-    droplets: Arc<DropletTable>,
     grid: Grid,
     views: Vec<View>,
 }
 
 impl<'a> Workshop<'a> {
-    fn open(
-        settings: &'a DatasetSettings,
-        simulations: &'a Path,
-        folder: &'a Path,
-    ) -> Result<Self> {
-        let [least, most] = settings.droplets_per_cm3;
-        if !(least > 0.0 && least <= most && most.is_finite()) {
-            let found = format!("[{least}, {most}]");
-            return Err(Error::out_of_range("droplets_per_cm3", found, "positive, least first"));
-        }
-        if !(settings.water_share > 0.0 && settings.water_share.is_finite()) {
-            return Err(Error::out_of_range("water_share", settings.water_share, "positive"));
-        }
-        if let Some(source) = settings.sources.iter().find(|source| source.every == 0) {
-            let name = source.file.display();
-            return Err(Error::out_of_range("every", format!("0 for {name}"), "at least 1"));
-        }
-        for variation in settings.sources.iter().filter_map(|source| source.variation) {
-            variation.check()?;
-        }
-        if Manifest::path(folder).exists() && Manifest::read(folder)?.configuration != *settings {
-            return Err(Error::file(
-                Manifest::path(folder),
-                "configuration",
-                "differs from the one asked for",
-                "choose another folder, or the settings that the data set was begun with",
-            ));
-        }
+    pub(super) fn open(settings: &'a DatasetSettings, simulations: &'a Path) -> Result<Self> {
+        settings.check()?;
         for source in &settings.sources {
             let path = simulations.join(&source.file);
             std::fs::File::open(&path).map_err(Error::io(path))?;
@@ -118,21 +101,15 @@ impl<'a> Workshop<'a> {
             DVec3::new(settings.column_km, settings.column_km, levels.spacing_km),
             [levels.count, columns, columns],
         )?;
-        let workshop = Self {
+        Ok(Self {
             settings,
             simulations,
-            folder,
             sun: Sun::from_degrees(settings.sun_zenith_deg, settings.sun_azimuth_deg)?,
             surface: Surface::lambertian(settings.surface_albedo),
             air: if settings.air { Some(Air::new(settings.wavelength)?) } else { None },
-            droplets: Arc::new(DropletTable::of(&DropletSettings::water(settings.wavelength))?),
             grid,
             views: settings.formation()?.views(grid.center(), [columns, columns])?,
-        };
-        // Nothing is left behind by settings that cannot work.
-        let samples = folder.join("samples");
-        std::fs::create_dir_all(&samples).map_err(Error::io(&samples))?;
-        Ok(workshop)
+        })
     }
 
     fn empty_manifest(&self) -> Manifest {
@@ -149,103 +126,86 @@ impl<'a> Workshop<'a> {
         }
     }
 
-    /// The whole field of one snapshot, on the samples' levels.
-    fn field(&self, source: &Source, snapshot: usize) -> Result<Cloud> {
-        let settings = ImportSettings {
-            time: snapshot,
-            droplets_per_cm3: Some(self.settings.droplets_per_cm3[0]),
-            spacing: Some(self.grid.spacing),
-            base: Some(self.settings.levels.bottom_km),
-            levels: Some(self.settings.levels.count),
-            ..ImportSettings::default()
-        };
-        import_cloud(self.simulations.join(&source.file), &settings)
-    }
-
-    /// The clouds of one snapshot that are taken, in the order of their places.
-    fn clouds(&self, number: usize, source: &Source, snapshot: usize) -> Result<Vec<Isolated>> {
-        let field = self.field(source, snapshot)?;
-        let settings = IsolateSettings {
-            side: self.settings.columns,
-            columns: self.settings.minimum_columns,
-            water_path: self.settings.minimum_water_path,
-            ..IsolateSettings::default()
-        };
-        let mut clouds = cloud::isolate(&field, &settings)?;
-        let indices = [number as u64, snapshot as u64];
-        let mut rng = stream(self.settings.seed, Purpose::Dataset, &indices);
-        while clouds.len() > source.clouds {
-            clouds.remove(rng.random_range(0..clouds.len()));
-        }
-        Ok(clouds)
-    }
-
-    /// The sample of one cloud, and whether it had to be made.
-    fn sample(
+    /// Make samples of one snapshot, several at a time.
+    fn make(
         &self,
-        number: usize,
-        source: &Source,
-        snapshot: usize,
-        isolated: &Isolated,
-    ) -> Result<(Sample, bool)> {
-        let [row, col] = isolated.corner;
-        let file = PathBuf::from(format!("samples/{number}-{snapshot:03}-{row}-{col}.nc"));
-        let path = self.folder.join(&file);
-        let missing = !path.exists();
-        if missing {
-            let key = [number as u64, snapshot as u64, row as u64, col as u64];
-            let mut rng = stream(self.settings.seed, Purpose::Dataset, &key);
-            let [least, most] = self.settings.droplets_per_cm3;
-            let droplets_per_cm3 = least * (most / least).powf(rng.random::<f64>());
-            let cloud = self.seed_droplets(&isolated.cloud, droplets_per_cm3, |water| {
-                let Some(variation) = source.variation else { return water };
-                variation.draw(&water, self.grid.spacing, &mut rng)
-            });
-            let cloud = cloud.map_err(Error::in_file(&self.simulations.join(&source.file)))?;
-            self.make(&cloud, source.light, &path)?;
-        }
-        let sample = Sample {
-            sha256: sha256(&path)?,
+        planned: &[&Planned],
+        droplets: &Arc<DropletTable>,
+        folder: &Path,
+        progress: &(dyn Fn(u64) + Sync),
+    ) -> Result<()> {
+        let Some(&&Planned { source, snapshot, .. }) = planned.first() else { return Ok(()) };
+        let clouds = plan::clouds(self.settings, self.simulations, source, snapshot)?;
+        let source = &self.settings.sources[source];
+        let simulation = self.simulations.join(&source.file);
+        planned.par_iter().try_for_each(|planned| {
+            let Some(isolated) = clouds.iter().find(|cloud| cloud.corner == planned.corner) else {
+                let problem = format!("snapshot {snapshot} has no cloud at {:?}", planned.corner);
+                let remedy = "take the simulation that the data set was begun with";
+                return Err(Error::file(&simulation, "cloud", problem, remedy));
+            };
+            let cloud = self.seed(planned, isolated).map_err(Error::in_file(&simulation))?;
+            self.render(
+                &self.scene(&cloud, source.light, droplets)?,
+                &folder.join(planned.file()),
+            )?;
+            progress(1);
+            Ok(())
+        })
+    }
+
+    /// A sample that is there, as the manifest names it.
+    fn entry(&self, planned: &Planned, folder: &Path) -> Result<Sample> {
+        let source = &self.settings.sources[planned.source];
+        let file = planned.file();
+        Ok(Sample {
+            sha256: sha256(&folder.join(&file))?,
             file,
             split: source.split,
             source: source.file.clone(),
-            snapshot,
-            corner: isolated.corner,
-        };
-        Ok((sample, missing))
+            snapshot: planned.snapshot,
+            corner: planned.corner,
+        })
     }
 
-    /// The cloud on the grid of the samples, its water changed and in so many droplets.
-    fn seed_droplets(
-        &self,
-        cloud: &Cloud,
-        droplets_per_cm3: f64,
-        vary: impl FnOnce(Array3<f32>) -> Array3<f32>,
-    ) -> Result<Cloud> {
-        let Some(droplets) = &cloud.microphysics else {
+    /// The cloud on the grid of the samples, its water changed and in droplets of a number
+    /// of its own.
+    fn seed(&self, planned: &Planned, isolated: &Isolated) -> Result<Cloud> {
+        let Planned { source, snapshot, corner: [row, col] } = *planned;
+        let key = [source as u64, snapshot as u64, row as u64, col as u64];
+        let mut rng = stream(self.settings.seed, Purpose::Dataset, &key);
+        let [least, most] = self.settings.droplets_per_cm3;
+        let droplets_per_cm3 = least * (most / least).powf(rng.random::<f64>());
+        let Some(droplets) = &isolated.cloud.microphysics else {
             return Err(Error::out_of_range("liquid water content", "missing", "in a cloud"));
         };
-        let water = vary(&droplets.liquid_water_content * self.settings.water_share);
+        let mut water = &droplets.liquid_water_content * self.settings.water_share;
+        if let Some(variation) = self.settings.sources[source].variation {
+            water = variation.draw(&water, self.grid.spacing, &mut rng);
+        }
         let droplets = Microphysics::from_droplet_number(water, droplets_per_cm3)?;
         Cloud::from_microphysics(self.grid, droplets)
     }
 
-    /// Render one cloud and write the sample.
-    fn make(&self, cloud: &Cloud, light: Light, path: &Path) -> Result<()> {
+    /// The cloud of a sample as light goes through it, in air where there is any.
+    fn scene(&self, cloud: &Cloud, light: Light, droplets: &Arc<DropletTable>) -> Result<Scene> {
         let (medium, air) = match light {
-            Light::Droplets => (Medium::from_droplets(cloud, self.droplets.clone())?, self.air),
+            Light::Droplets => (Medium::from_droplets(cloud, Arc::clone(droplets))?, self.air),
             Light::Plain => (Medium::from_cloud(cloud)?, None),
         };
-        let truth = medium.extinction.clone();
-        let scene = Scene { air, ..Scene::new(medium, self.sun, self.surface)? };
+        Ok(Scene { air, ..Scene::new(medium, self.sun, self.surface)? })
+    }
+
+    /// Render a scene and write the sample.
+    fn render(&self, scene: &Scene, path: &Path) -> Result<()> {
         let solver = Solver::Ordinates(self.settings.solver.resolve());
-        let images = transport::render(&scene, &self.views, &solver, &())?.images;
+        let images = transport::render(scene, &self.views, &solver, &())?.images;
         let mut observation = Observation::new(self.sun, self.views.clone(), images)?;
         observation.wavelength = self.settings.wavelength;
         let configuration = serde_json::to_string(self.settings).unwrap_or_default();
         let seed = self.settings.seed;
         let provenance =
             Provenance { title: "deepct dataset generate".into(), configuration, seed };
-        io::write_sample(path, &truth, &observation, &provenance)
+        io::write_sample(path, &scene.medium.extinction, &observation, &provenance)
     }
 }

@@ -5,132 +5,30 @@
 //! deterministic solver, without sensor noise: that is drawn anew each time a sample is used).
 //! Every sample is one isolated cloud of a large-eddy simulation. The sets are split
 //! by time, so that no cloud stands in two of them.
+//!
+//! Which samples there will be is decided before the first is made ([`plan`]), so that
+//! several processes, on several machines, can each [`generate`] a [`Share`] of them.
 
 mod check;
 mod generate;
+mod plan;
+mod settings;
 mod variation;
 
 pub use check::check;
 pub use generate::{Generated, generate};
+pub use plan::{Plan, Planned, Share, plan};
+pub use settings::{DatasetSettings, Light, SolverSettings, Source, Split};
 pub use variation::Variation;
 
 use crate::error::{Error, Result};
 use crate::image::ViewGeometry;
 use crate::network::Levels;
-use crate::scene::Formation;
-use crate::transport::OrdinatesSettings;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
 /// The name of the format, in every manifest.
 pub const FORMAT: &str = "deepct-dataset 1";
-
-/// What a data set is made of.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct DatasetSettings {
-    /// Seed of the choice of clouds and of their droplet numbers.
-    pub seed: u64,
-    /// Name of the formation that looks at the clouds.
-    pub formation: String,
-    /// Angle between +z and the Sun (degrees).
-    pub sun_zenith_deg: f64,
-    /// Azimuth towards the Sun, clockwise from north (degrees).
-    pub sun_azimuth_deg: f64,
-    /// Wavelength (um): of the droplets' Mie scattering and of the air.
-    pub wavelength: f64,
-    /// Albedo of the surface, at altitude 0.
-    pub surface_albedo: f64,
-    /// Whether there is air.
-    pub air: bool,
-    /// Least and largest droplet number concentration (1/cm3), from which effective radii
-    /// follow: that of each cloud is drawn from between them, evenly in its logarithm.
-    pub droplets_per_cm3: [f64; 2],
-    /// Share of the liquid water that is kept: 1 is all of it.
-    pub water_share: f32,
-    /// How the light is computed.
-    pub solver: SolverSettings,
-    /// Columns of a sample along x and along y.
-    pub columns: usize,
-    /// Side of a column (km).
-    pub column_km: f64,
-    /// Levels of a sample.
-    pub levels: Levels,
-    /// Fewest cloudy columns of a cloud that is taken.
-    pub minimum_columns: usize,
-    /// Least liquid water path (g/m2) that a cloud must reach to be taken.
-    pub minimum_water_path: f32,
-    /// Where the clouds come from.
-    pub sources: Vec<Source>,
-}
-
-/// A stretch of time of one simulation.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Source {
-    /// The simulation, relative to the folder of the simulations.
-    pub file: PathBuf,
-    /// The set that its clouds belong to.
-    pub split: Split,
-    /// Index of the first snapshot.
-    pub first: usize,
-    /// Index of the last snapshot.
-    pub last: usize,
-    /// Take every so many snapshots.
-    pub every: usize,
-    /// The most clouds taken of one snapshot, drawn at random.
-    pub clouds: usize,
-    /// How they are changed; as the simulation made them where this is missing.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub variation: Option<Variation>,
-    /// How its clouds scatter light.
-    #[serde(default, skip_serializing_if = "Light::is_of_droplets")]
-    pub light: Light,
-}
-
-/// How the clouds of a source scatter light, and in what.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Light {
-    /// Each voxel as its droplets do, by Mie's theory, in air if the settings have it.
-    #[default]
-    Droplets,
-    /// All alike, by the function of Henyey and Greenstein, without air: what `deepct render`
-    /// does unless it is told otherwise.
-    Plain,
-}
-
-impl Light {
-    fn is_of_droplets(&self) -> bool {
-        *self == Self::Droplets
-    }
-}
-
-/// The settings of the deterministic solver that a data set is computed with.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct SolverSettings {
-    /// See [`OrdinatesSettings::zenith_angles`].
-    pub zenith_angles: usize,
-    /// See [`OrdinatesSettings::tolerance`].
-    pub tolerance: f64,
-    /// See [`OrdinatesSettings::cell_depth`].
-    pub cell_depth: f64,
-    /// See [`OrdinatesSettings::most_parts`].
-    pub most_parts: usize,
-}
-
-/// The set that a sample belongs to.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Split {
-    /// What a network learns from.
-    Train,
-    /// What decides when to stop, and what is reported of a training.
-    Validation,
-    /// What nobody looks at before the end.
-    Test,
-}
 
 /// One sample of a data set.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -171,37 +69,8 @@ pub struct Manifest {
     pub levels: Levels,
     /// The settings that made it.
     pub configuration: DatasetSettings,
-    /// The samples, sorted by file.
+    /// The samples, in the order of the plan.
     pub samples: Vec<Sample>,
-}
-
-impl SolverSettings {
-    pub(super) fn resolve(self) -> OrdinatesSettings {
-        let Self { zenith_angles, tolerance, cell_depth, most_parts } = self;
-        OrdinatesSettings { zenith_angles, tolerance, cell_depth, most_parts, ..Default::default() }
-    }
-}
-
-impl DatasetSettings {
-    /// Number of snapshots that are read.
-    pub fn snapshots(&self) -> usize {
-        let count = |source: &Source| (source.first..=source.last).step_by(source.every.max(1));
-        self.sources.iter().map(|source| count(source).count()).sum()
-    }
-
-    /// The formation by its name.
-    ///
-    /// # Errors
-    /// A name that is no preset.
-    pub fn formation(&self) -> Result<Formation> {
-        Formation::preset(&self.formation).ok_or_else(|| {
-            Error::out_of_range(
-                "formation",
-                format!("\"{}\"", self.formation),
-                format!("one of {}", Formation::PRESETS.join(", ")),
-            )
-        })
-    }
 }
 
 impl Manifest {
@@ -300,12 +169,23 @@ mod tests {
         }
     }
 
+    /// Plan a data set and make it, or a share of it.
+    fn make(
+        settings: &DatasetSettings,
+        folder: &Path,
+        out: &Path,
+        share: Option<&str>,
+    ) -> Result<Generated> {
+        let share = share.map(|share| share.parse().unwrap());
+        generate(&plan(settings, folder, out, &|_| ())?, folder, out, share, &|_| ())
+    }
+
     #[test]
     fn a_data_set_is_made_once_checked_and_kept() {
         let folder = tempfile::tempdir().unwrap();
         let settings = simulation(folder.path());
         let out = folder.path().join("set");
-        let run = |settings| generate(settings, folder.path(), &out, &|_| ());
+        let run = |settings| make(settings, folder.path(), &out, None);
         assert_eq!(run(&settings).unwrap(), Generated { samples: 2, made: 2 });
         let manifest = check(&out, &|_| ()).unwrap();
 
@@ -338,7 +218,7 @@ mod tests {
         let plain = Source { light: Light::Plain, ..settings.sources[0].clone() };
         settings.sources.push(plain);
         let out = folder.path().join("set");
-        generate(&settings, folder.path(), &out, &|_| ()).unwrap();
+        make(&settings, folder.path(), &out, None).unwrap();
         let samples = Manifest::read(&out).unwrap().samples;
         assert_eq!(samples.len(), 4);
         let radius = crate::cloud::effective_radius(0.5, 100.0);
@@ -359,14 +239,23 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let settings = simulation(folder.path());
         let out = folder.path().join("set");
-        generate(&settings, folder.path(), &out, &|_| ()).unwrap();
-
+        let run = |settings, share| make(settings, folder.path(), &out, share);
         let other = DatasetSettings { surface_albedo: 0.1, ..settings.clone() };
-        let problem = generate(&other, folder.path(), &out, &|_| ()).unwrap_err().to_string();
+
+        // While there are shares only, and when there is a manifest.
+        run(&settings, Some("1/2")).unwrap();
+        for share in [Some("2/2"), None] {
+            let problem = run(&other, share).unwrap_err().to_string();
+            assert!(problem.contains("plan.json: configuration"), "{problem}");
+        }
+        run(&settings, None).unwrap();
+        std::fs::remove_file(Plan::path(&out)).unwrap();
+        let problem = run(&other, Some("2/2")).unwrap_err().to_string();
         assert!(problem.contains("manifest.json: configuration"), "{problem}");
+        assert!(!Plan::path(&out).exists());
         let never = Source { every: 0, ..settings.sources[0].clone() };
-        let never = DatasetSettings { sources: vec![never], ..settings };
-        assert!(generate(&never, folder.path(), &out, &|_| ()).is_err());
+        let never = DatasetSettings { sources: vec![never], ..settings.clone() };
+        assert!(run(&never, None).is_err());
 
         let sample = out.join(&Manifest::read(&out).unwrap().samples[0].file);
         let mut bytes = std::fs::read(&sample).unwrap();
@@ -375,5 +264,58 @@ mod tests {
         std::fs::write(&sample, bytes).unwrap();
         let problem = check(&out, &|_| ()).unwrap_err().to_string();
         assert!(problem.contains("checksum"), "{problem}");
+    }
+
+    #[test]
+    fn shares_make_what_one_process_makes() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut settings = simulation(folder.path());
+        // Every source is a snapshot of its own, with other droplet numbers.
+        settings.droplets_per_cm3 = [50.0, 600.0];
+        settings.sources = vec![settings.sources[0].clone(); 3];
+        let whole = folder.path().join("whole");
+        make(&settings, folder.path(), &whole, None).unwrap();
+
+        let shared = folder.path().join("shared");
+        let run = |share| make(&settings, folder.path(), &shared, share).unwrap();
+        assert_eq!(run(Some("2/2")), Generated { samples: 2, made: 2 });
+        assert!(!Manifest::path(&shared).exists());
+        assert_eq!(run(Some("1/2")), Generated { samples: 4, made: 4 });
+        assert_eq!(run(Some("5/8")), Generated { samples: 0, made: 0 });
+        assert_eq!(run(None), Generated { samples: 6, made: 0 });
+        let files = |folder: &Path| {
+            let samples = std::fs::read_dir(folder.join("samples")).unwrap();
+            let paths = samples.map(|entry| entry.unwrap().path());
+            let own = |path: PathBuf| (path.file_name().unwrap().to_owned(), std::fs::read(path));
+            let mut files: Vec<_> =
+                paths.map(own).map(|(name, bytes)| (name, bytes.unwrap())).collect();
+            files.sort();
+            files.push(("manifest.json".into(), std::fs::read(Manifest::path(folder)).unwrap()));
+            files
+        };
+        assert!(files(&shared) == files(&whole), "a file differs");
+    }
+
+    #[test]
+    fn shares_that_cannot_be_are_refused() {
+        for share in ["0/8", "9/8", "3", "/", "1/0", "-1/2", "a/b"] {
+            assert!(share.parse::<Share>().is_err(), "{share}");
+        }
+    }
+
+    #[test]
+    fn a_damaged_plan_and_another_simulation_are_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let settings = simulation(folder.path());
+        let out = folder.path().join("set");
+        let mut plan = plan(&settings, folder.path(), &out, &|_| ()).unwrap();
+        plan.samples[0].corner = [7, 7];
+        let problem = generate(&plan, folder.path(), &out, None, &|_| ()).unwrap_err().to_string();
+        assert!(problem.contains("field.nc") && problem.contains("[7, 7]"), "{problem}");
+
+        plan.samples[0].source = 1;
+        std::fs::write(Plan::path(&out), serde_json::to_string(&plan).unwrap()).unwrap();
+        let problem = make(&settings, folder.path(), &out, None).unwrap_err().to_string();
+        assert!(problem.contains("plan.json") && problem.contains("source 1"), "{problem}");
     }
 }

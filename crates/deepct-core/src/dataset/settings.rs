@@ -1,0 +1,166 @@
+//! What a data set is made of.
+
+use super::Variation;
+use crate::error::{Error, Result};
+use crate::network::Levels;
+use crate::optics::water_refractive_index;
+use crate::scene::Formation;
+use crate::transport::OrdinatesSettings;
+use serde::{Deserialize, Serialize};
+use std::path::PathBuf;
+
+/// What a data set is made of.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DatasetSettings {
+    /// Seed of the choice of clouds and of their droplet numbers.
+    pub seed: u64,
+    /// Name of the formation that looks at the clouds.
+    pub formation: String,
+    /// Angle between +z and the Sun (degrees).
+    pub sun_zenith_deg: f64,
+    /// Azimuth towards the Sun, clockwise from north (degrees).
+    pub sun_azimuth_deg: f64,
+    /// Wavelength (um): of the droplets' Mie scattering and of the air.
+    pub wavelength: f64,
+    /// Albedo of the surface, at altitude 0.
+    pub surface_albedo: f64,
+    /// Whether there is air.
+    pub air: bool,
+    /// Least and largest droplet number concentration (1/cm3), from which effective radii
+    /// follow: that of each cloud is drawn from between them, evenly in its logarithm.
+    pub droplets_per_cm3: [f64; 2],
+    /// Share of the liquid water that is kept: 1 is all of it.
+    pub water_share: f32,
+    /// How the light is computed.
+    pub solver: SolverSettings,
+    /// Columns of a sample along x and along y.
+    pub columns: usize,
+    /// Side of a column (km).
+    pub column_km: f64,
+    /// Levels of a sample.
+    pub levels: Levels,
+    /// Fewest cloudy columns of a cloud that is taken.
+    pub minimum_columns: usize,
+    /// Least liquid water path (g/m2) that a cloud must reach to be taken.
+    pub minimum_water_path: f32,
+    /// Where the clouds come from.
+    pub sources: Vec<Source>,
+}
+
+/// A stretch of time of one simulation.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Source {
+    /// The simulation, relative to the folder of the simulations.
+    pub file: PathBuf,
+    /// The set that its clouds belong to.
+    pub split: Split,
+    /// Index of the first snapshot.
+    pub first: usize,
+    /// Index of the last snapshot.
+    pub last: usize,
+    /// Take every so many snapshots.
+    pub every: usize,
+    /// The most clouds taken of one snapshot, drawn at random.
+    pub clouds: usize,
+    /// How they are changed; as the simulation made them where this is missing.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub variation: Option<Variation>,
+    /// How its clouds scatter light.
+    #[serde(default, skip_serializing_if = "Light::is_of_droplets")]
+    pub light: Light,
+}
+
+/// How the clouds of a source scatter light, and in what.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Light {
+    /// Each voxel as its droplets do, by Mie's theory, in air if the settings have it.
+    #[default]
+    Droplets,
+    /// All alike, by the function of Henyey and Greenstein, without air: what `deepct render`
+    /// does unless it is told otherwise.
+    Plain,
+}
+
+impl Light {
+    fn is_of_droplets(&self) -> bool {
+        *self == Self::Droplets
+    }
+}
+
+/// The settings of the deterministic solver that a data set is computed with.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SolverSettings {
+    /// See [`OrdinatesSettings::zenith_angles`].
+    pub zenith_angles: usize,
+    /// See [`OrdinatesSettings::tolerance`].
+    pub tolerance: f64,
+    /// See [`OrdinatesSettings::cell_depth`].
+    pub cell_depth: f64,
+    /// See [`OrdinatesSettings::most_parts`].
+    pub most_parts: usize,
+}
+
+/// The set that a sample belongs to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Split {
+    /// What a network learns from.
+    Train,
+    /// What decides when to stop, and what is reported of a training.
+    Validation,
+    /// What nobody looks at before the end.
+    Test,
+}
+
+impl SolverSettings {
+    pub(super) fn resolve(self) -> OrdinatesSettings {
+        let Self { zenith_angles, tolerance, cell_depth, most_parts } = self;
+        OrdinatesSettings { zenith_angles, tolerance, cell_depth, most_parts, ..Default::default() }
+    }
+}
+
+impl DatasetSettings {
+    /// Every snapshot that is read: the number of its source, and its index there.
+    pub fn snapshots(&self) -> impl Iterator<Item = (usize, usize)> {
+        self.sources.iter().enumerate().flat_map(|(number, source)| {
+            let every = source.every.max(1);
+            (source.first..=source.last).step_by(every).map(move |snapshot| (number, snapshot))
+        })
+    }
+
+    /// The formation by its name.
+    ///
+    /// # Errors
+    /// A name that is no preset.
+    pub fn formation(&self) -> Result<Formation> {
+        Formation::preset(&self.formation).ok_or_else(|| {
+            Error::out_of_range(
+                "formation",
+                format!("\"{}\"", self.formation),
+                format!("one of {}", Formation::PRESETS.join(", ")),
+            )
+        })
+    }
+
+    /// An error unless the numbers are in range.
+    pub(super) fn check(&self) -> Result<()> {
+        let [least, most] = self.droplets_per_cm3;
+        if !(least > 0.0 && least <= most && most.is_finite()) {
+            let found = format!("[{least}, {most}]");
+            return Err(Error::out_of_range("droplets_per_cm3", found, "positive, least first"));
+        }
+        if !(self.water_share > 0.0 && self.water_share.is_finite()) {
+            return Err(Error::out_of_range("water_share", self.water_share, "positive"));
+        }
+        if let Some(source) = self.sources.iter().find(|source| source.every == 0) {
+            let name = source.file.display();
+            return Err(Error::out_of_range("every", format!("0 for {name}"), "at least 1"));
+        }
+        water_refractive_index(self.wavelength)?;
+        self.sources.iter().filter_map(|source| source.variation).try_for_each(|own| own.check())
+    }
+}
