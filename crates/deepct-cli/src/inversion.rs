@@ -7,7 +7,8 @@ use deepct_core::carve::{CarveSettings, carve};
 use deepct_core::cloud::Cloud;
 use deepct_core::grid::{Grid, Mask, Volume};
 use deepct_core::inversion::{
-    Ending, InversionSettings, OrdinatesModels, Problem, Reconstruction, Start, invert, resume,
+    Ending, InversionSettings, OrdinatesModels, Problem, QUICK_TOLERANCE, Reconstruction, Start,
+    invert, resume,
 };
 use deepct_core::io::{Provenance, read_checkpoint, read_cloud, read_mask, write_reconstruction};
 use deepct_core::optics::air::Air;
@@ -72,9 +73,10 @@ pub(crate) struct SolverSettings {
 }
 
 impl SolverSettings {
-    /// Take the ordinates of the coarse grids for all.
+    /// Take the ordinates of the coarse grids for all, and end early.
     pub(crate) fn hurry(&mut self) {
         self.zenith_angles = self.coarse_zenith_angles;
+        self.tolerance = QUICK_TOLERANCE;
     }
 
     fn ordinates(&self, zenith_angles: usize) -> OrdinatesSettings {

@@ -58,6 +58,23 @@ impl Microphysics {
 }
 
 impl Cloud {
+    /// The effective radius of the whole cloud (um): the mean, weighted by the extinction.
+    /// `None` without droplets.
+    pub fn mean_effective_radius(&self) -> Option<f64> {
+        let droplets = self.microphysics.as_ref()?;
+        let (mut sum, mut total) = (0.0, 0.0);
+        for (water, radius) in droplets.liquid_water_content.iter().zip(&droplets.effective_radius)
+        {
+            // Extinction is in proportion to the water over the radius.
+            let (water, radius) = (f64::from(*water), f64::from(*radius));
+            if water > 0.0 {
+                sum += water;
+                total += water / radius;
+            }
+        }
+        (total > 0.0).then(|| sum / total)
+    }
+
     /// A cloud known by its droplets.
     ///
     /// # Errors

@@ -145,10 +145,8 @@ impl<'a> Workshop<'a> {
                 return Err(Error::file(&simulation, "cloud", problem, remedy));
             };
             let cloud = self.seed(planned, isolated).map_err(Error::in_file(&simulation))?;
-            self.render(
-                &self.scene(&cloud, source.light, droplets)?,
-                &folder.join(planned.file()),
-            )?;
+            let scene = self.scene(&cloud, source.light, droplets)?;
+            self.render(cloud, &scene, &folder.join(planned.file()))?;
             progress(1);
             Ok(())
         })
@@ -196,8 +194,8 @@ impl<'a> Workshop<'a> {
         Ok(Scene { air, ..Scene::new(medium, self.sun, self.surface)? })
     }
 
-    /// Render a scene and write the sample.
-    fn render(&self, scene: &Scene, path: &Path) -> Result<()> {
+    /// Render the scene of a cloud and write the sample.
+    fn render(&self, cloud: Cloud, scene: &Scene, path: &Path) -> Result<()> {
         let solver = Solver::Ordinates(self.settings.solver.resolve());
         let images = transport::render(scene, &self.views, &solver, &())?.images;
         let mut observation = Observation::new(self.sun, self.views.clone(), images)?;
@@ -206,6 +204,7 @@ impl<'a> Workshop<'a> {
         let seed = self.settings.seed;
         let provenance =
             Provenance { title: "deepct dataset generate".into(), configuration, seed };
-        io::write_sample(path, &scene.medium.extinction, &observation, &provenance)
+        let extinction = Some(scene.medium.extinction.values.clone());
+        io::write_sample(path, &Cloud { extinction, ..cloud }, &observation, &provenance)
     }
 }

@@ -201,6 +201,8 @@ mod tests {
             let edge = 0.9962 * (2.0 * std::f64::consts::PI * radius / 0.672).powf(-2.0 / 3.0);
             let expected = voxels * 1500.0 * 0.5 / radius * (1.0 + edge);
             assert!((extinction(sample) / expected - 1.0).abs() < 5e-3);
+            let cloud = io::read_cloud(out.join(&sample.file)).unwrap();
+            assert!((cloud.mean_effective_radius().unwrap() / radius - 1.0).abs() < 1e-6);
         }
 
         // Again: nothing is made; one lost: it comes back as it was.

@@ -1,7 +1,7 @@
 //! The clouds of an experiment and what the cameras saw of them.
 
 use super::ExperimentSettings;
-use crate::cloud::{CumulusSettings, cumulus};
+use crate::cloud::{Cloud, CumulusSettings, cumulus};
 use crate::dataset::Manifest;
 use crate::error::{Error, Result};
 use crate::grid::Volume;
@@ -73,43 +73,44 @@ pub(super) fn cases(settings: &ExperimentSettings) -> Result<Vec<Case>> {
 }
 
 impl Case {
-    /// The truth (1/km) and the noisy images by the views of the weights; made once and
+    /// The cloud with its extinction and the noisy images by the views of the weights; made once and
     /// kept in `path`.
     pub(super) fn open(
         &self,
         path: &Path,
         settings: &ExperimentSettings,
         weights: &WeightsMetadata,
-    ) -> Result<(Volume, Observation)> {
+    ) -> Result<(Cloud, Observation)> {
         if !path.exists() {
-            let (truth, clean) = self.make(settings, weights)?;
+            let (cloud, clean) = self.make(settings, weights)?;
             let observation = expose(&clean, settings, self.number)?;
             let provenance = Provenance {
                 title: format!("{}: truth and noisy images", self.name),
                 configuration: toml::to_string(settings).expect("plain numbers and text"),
                 seed: settings.seed,
             };
-            io::write_sample(path, &truth, &observation, &provenance)?;
+            io::write_sample(path, &cloud, &observation, &provenance)?;
         }
-        Ok((io::read_volume(path)?, io::read_observation(path)?))
+        Ok((io::read_cloud(path)?, io::read_observation(path)?))
     }
 
     fn make(
         &self,
         settings: &ExperimentSettings,
         weights: &WeightsMetadata,
-    ) -> Result<(Volume, Observation)> {
+    ) -> Result<(Cloud, Observation)> {
         let cloud = match &self.origin {
             Origin::Sample(path) => {
                 let observation = select_views(&io::read_observation(path)?, weights)
                     .map_err(Error::in_file(path))?;
-                return Ok((io::read_volume(path)?, observation));
+                return Ok((io::read_cloud(path)?, observation));
             }
             Origin::File(path) => io::read_cloud(path)?,
             Origin::Generated(seed) => cumulus(&CumulusSettings::default(), *seed)?,
         };
         let truth = optics::extinction(&cloud)?;
-        let scene = scene(&truth, settings, Sun::default())?;
+        let light = Light::new(settings, cloud.mean_effective_radius())?;
+        let scene = light.scene(&truth, Sun::default())?;
         let formation = Formation::preset(&weights.formation).ok_or_else(|| {
             Error::out_of_range("formation of the weights", &weights.formation, "a preset")
         })?;
@@ -124,27 +125,54 @@ impl Case {
         let rendering = transport::render(&scene, &views, &solver, &())?;
         let mut observation = Observation::new(scene.sun, views, rendering.images)?;
         observation.standard_error = rendering.standard_error;
-        Ok((truth, observation))
+        Ok((Cloud { extinction: Some(truth.values), ..cloud }, observation))
     }
 }
 
-/// The scene of an extinction, as the settings say.
-pub(super) fn scene(extinction: &Volume, settings: &ExperimentSettings, sun: Sun) -> Result<Scene> {
-    let medium = match settings.effective_radius {
-        None => {
-            let phase_function = PhaseFunction::henyey_greenstein(settings.asymmetry)?;
-            Medium::new(extinction.clone(), 1.0, phase_function)?
-        }
-        Some(radius) => {
-            let droplets = DropletSettings::water(WAVELENGTH);
-            let table = Arc::new(DropletTable::mie(&droplets, &[f64::from(radius)])?);
-            let radii = Array3::from_elem(extinction.grid.shape, radius);
-            Medium::of_droplets(extinction.clone(), radii, table)?
-        }
-    };
-    let air = if settings.air { Some(Air::new(WAVELENGTH)?) } else { None };
-    let scene = Scene::new(medium, sun, Surface::lambertian(settings.surface_albedo))?;
-    Ok(Scene { air, ..scene })
+/// How a cloud scatters light, and in what.
+pub(super) struct Light {
+    /// Droplets of one effective radius (um), with their optics.
+    droplets: Option<(f32, Arc<DropletTable>)>,
+    phase_function: PhaseFunction,
+    air: Option<Air>,
+    surface: Surface,
+}
+
+impl Light {
+    /// As the settings say, for a cloud of a mean effective radius (um).
+    pub(super) fn new(settings: &ExperimentSettings, own_radius: Option<f64>) -> Result<Self> {
+        let radius = match (settings.own_radius, own_radius) {
+            (false, _) => settings.effective_radius,
+            (true, Some(radius)) => Some(radius as f32),
+            (true, None) => {
+                let range = "false where a cloud does not tell its droplets";
+                return Err(Error::out_of_range("own_radius", true, range));
+            }
+        };
+        let optics = |radius: f32| -> Result<_> {
+            let water = DropletSettings::water(WAVELENGTH);
+            Ok((radius, Arc::new(DropletTable::mie(&water, &[f64::from(radius)])?)))
+        };
+        Ok(Self {
+            droplets: radius.map(optics).transpose()?,
+            phase_function: PhaseFunction::henyey_greenstein(settings.asymmetry)?,
+            air: if settings.air { Some(Air::new(WAVELENGTH)?) } else { None },
+            surface: Surface::lambertian(settings.surface_albedo),
+        })
+    }
+
+    /// The scene of an extinction.
+    pub(super) fn scene(&self, extinction: &Volume, sun: Sun) -> Result<Scene> {
+        let extinction = extinction.clone();
+        let medium = match &self.droplets {
+            None => Medium::new(extinction, 1.0, self.phase_function.clone())?,
+            Some((radius, table)) => {
+                let radii = Array3::from_elem(extinction.grid.shape, *radius);
+                Medium::of_droplets(extinction, radii, table.clone())?
+            }
+        };
+        Ok(Scene { air: self.air, ..Scene::new(medium, sun, self.surface)? })
+    }
 }
 
 /// The images through the sensor.

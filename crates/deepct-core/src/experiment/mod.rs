@@ -52,6 +52,8 @@ pub struct ExperimentSettings {
     /// is scattered by Henyey and Greenstein's function.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub effective_radius: Option<f32>,
+    /// Droplets of the mean effective radius of each sample, by its extinction, in place of that.
+    pub own_radius: bool,
     /// Mean cosine of the scattering angle of that function.
     pub asymmetry: f64,
     /// Whether there is air.
@@ -83,6 +85,7 @@ impl Default for ExperimentSettings {
             samples_per_pixel: 4096,
             similarity_after: Some(3),
             effective_radius: None,
+            own_radius: false,
             asymmetry: crate::optics::CLOUD_ASYMMETRY,
             air: false,
             surface_albedo: 0.05,

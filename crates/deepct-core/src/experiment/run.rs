@@ -1,6 +1,6 @@
 //! Every cloud in every way, each result in a file of its own.
 
-use super::case::{Case, cases, scene};
+use super::case::{Case, Light, cases};
 use super::{Experiment, ExperimentSettings, Method, Outcome, Watch, report};
 use crate::carve::carve;
 use crate::error::{Error, Result};
@@ -12,6 +12,7 @@ use crate::inversion::{
 use crate::io::{self, Provenance};
 use crate::metrics;
 use crate::network::Network;
+use crate::optics;
 use crate::plot::volume_figure;
 use crate::scene::Observation;
 use crate::transport::OrdinatesSettings;
@@ -68,6 +69,7 @@ struct Bench<'a> {
 /// A cloud that is being worked on.
 struct Work {
     truth: Volume,
+    light: Light,
     observation: Observation,
     mask: Mask,
     /// Time that the carving took (s).
@@ -114,11 +116,13 @@ impl Bench<'_> {
 
     fn open(&self, case: &Case) -> Result<Work> {
         let path = self.folder.join("clouds").join(format!("{}.nc", case.name));
-        let (truth, observation) = case.open(&path, self.settings, self.network.metadata())?;
+        let (cloud, observation) = case.open(&path, self.settings, self.network.metadata())?;
+        let light = Light::new(self.settings, cloud.mean_effective_radius())?;
+        let truth = optics::extinction(&cloud)?;
         let began = Instant::now();
         let mask = carve(&observation, &truth.grid, &self.settings.carve)?.mask;
         let carving = began.elapsed().as_secs_f64();
-        Ok(Work { truth, observation, mask, carving })
+        Ok(Work { truth, light, observation, mask, carving })
     }
 
     /// Take one cloud one way; nothing where the watch stopped it.
@@ -169,11 +173,11 @@ impl Bench<'_> {
         work: &Work,
         watch: &dyn Watch,
     ) -> Result<Reconstruction> {
-        let Work { truth, observation, mask, .. } = work;
+        let Work { truth, light, observation, mask, .. } = work;
         let problem = Problem { observation, mask, truth: Some(truth) };
         let nothing = Volume::constant(truth.grid, 0.0);
         let mut models = OrdinatesModels::new(
-            scene(&nothing, self.settings, observation.sun)?,
+            light.scene(&nothing, observation.sun)?,
             observation.views.clone(),
             OrdinatesSettings::default(),
         );

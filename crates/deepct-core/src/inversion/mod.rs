@@ -30,7 +30,7 @@ pub use checkpoint::Checkpoint;
 pub use hybrid::{QUICK_ITERATIONS, hybrid, network_grid, network_start};
 pub use measurement::Measurement;
 pub use optimiser::{Bounds, Function, Minimiser, MinimiserSettings, Pair, Point, Step};
-pub use ordinates::OrdinatesModels;
+pub use ordinates::{OrdinatesModels, QUICK_TOLERANCE};
 pub use run::{invert, resume};
 pub use settings::{InversionSettings, Variable};
 

@@ -9,6 +9,9 @@ use crate::scene::{Scene, View};
 use crate::transport::{OrdinatesModel, OrdinatesSettings};
 use ndarray::Array3;
 
+/// The tolerance of the solver in a few quick steps, which do not end where a finer one shows.
+pub const QUICK_TOLERANCE: f64 = 3e-3;
+
 /// The deterministic solver on any grid.
 #[derive(Debug, Clone)]
 pub struct OrdinatesModels {
@@ -32,9 +35,10 @@ impl OrdinatesModels {
         Self { scene, views, settings, coarse_settings }
     }
 
-    /// The same with the ordinates of the coarser grids on all: several times as fast.
+    /// The same with the ordinates of the coarser grids on all and [`QUICK_TOLERANCE`].
     pub fn quick(self) -> Self {
-        Self { settings: self.coarse_settings, ..self }
+        let settings = OrdinatesSettings { tolerance: QUICK_TOLERANCE, ..self.coarse_settings };
+        Self { settings, ..self }
     }
 
     /// What collisions do on a grid of blocks of voxels.

@@ -21,7 +21,7 @@ use std::time::Instant;
 const PATIENCE: usize = 5;
 
 /// Least uncertainty of a start (1/km): what a network takes for clear may be thin cloud.
-const LEAST_UNCERTAINTY: f64 = 1.0;
+const LEAST_UNCERTAINTY: f64 = 0.1;
 
 /// The extinction inside the mask whose images fit those of the observation.
 ///

@@ -80,7 +80,7 @@ impl Default for InversionSettings {
             least_error: 0.002,
             coarse_error: 0.03,
             typical_gradient: 300.0,
-            start_error: 2.0,
+            start_error: 1.0,
             misfit: 1.0,
             change: 1e-3,
         }

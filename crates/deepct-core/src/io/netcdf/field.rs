@@ -46,7 +46,13 @@ const MASK: &Attributes = &[
 /// When the file cannot be written.
 pub fn write_cloud(path: impl AsRef<Path>, cloud: &Cloud, provenance: &Provenance) -> Result<()> {
     let mut output = Output::create(path.as_ref(), provenance)?;
-    write_axes(&mut output, &cloud.grid)?;
+    put_cloud(&mut output, cloud)?;
+    output.finish()
+}
+
+/// Put a cloud into a file that is being written.
+pub(super) fn put_cloud(output: &mut Output, cloud: &Cloud) -> Result<()> {
+    write_axes(output, &cloud.grid)?;
     if let Some(droplets) = &cloud.microphysics {
         output.variable("lwc", &AXES, &droplets.liquid_water_content, LIQUID_WATER)?;
         output.variable("reff", &AXES, &droplets.effective_radius, EFFECTIVE_RADIUS)?;
@@ -55,7 +61,7 @@ pub fn write_cloud(path: impl AsRef<Path>, cloud: &Cloud, provenance: &Provenanc
     if let Some(extinction) = &cloud.extinction {
         output.variable("extinction", &AXES, extinction, EXTINCTION)?;
     }
-    output.finish()
+    Ok(())
 }
 
 /// Read a cloud: `lwc` and `reff` (and `veff`, 0.1 where it is not given), or

@@ -1,27 +1,27 @@
 //! A truth and the images of it in one file.
 
 use super::Provenance;
-use super::field::put_volume;
+use super::field::put_cloud;
 use super::observation::put_observation;
 use super::write::Output;
+use crate::cloud::Cloud;
 use crate::error::Result;
-use crate::grid::Volume;
 use crate::scene::Observation;
 use std::path::Path;
 
-/// Write a sample to learn from: the variables of a volume and those of its images.
-/// `read_volume` and `read_observation` read the one and the other.
+/// Write a sample to learn from: the variables of a cloud and those of its images.
+/// `read_cloud` and `read_observation` read the one and the other.
 ///
 /// # Errors
 /// When the file cannot be written.
 pub fn write_sample(
     path: impl AsRef<Path>,
-    truth: &Volume,
+    cloud: &Cloud,
     observation: &Observation,
     provenance: &Provenance,
 ) -> Result<()> {
     let mut output = Output::create(path.as_ref(), provenance)?;
-    put_volume(&mut output, truth)?;
+    put_cloud(&mut output, cloud)?;
     put_observation(&mut output, observation)?;
     output.finish()
 }
