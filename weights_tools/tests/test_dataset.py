@@ -39,6 +39,18 @@ def test_test_samples_are_left_alone(dataset_folder):
     assert len(load_dataset(dataset_folder).train) == 5
 
 
+def test_a_folder_to_measure_by_has_no_training_samples(dataset_folder):
+    def learn_nothing(manifest):
+        manifest["samples"] = manifest["samples"][6:]
+
+    change_manifest(dataset_folder, learn_nothing)
+    data = load_dataset(dataset_folder, "cloudct-10", required=["validation"])
+    assert (len(data.train), len(data.validation), data.levels) == (0, 3, LEVELS)
+    assert data.train.radiance.shape == (0, 10, SIZE, SIZE)
+    with pytest.raises(InputError, match="no train sample"):
+        load_dataset(dataset_folder)
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [

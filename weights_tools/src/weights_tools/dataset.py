@@ -6,6 +6,7 @@ import hashlib
 import io
 import json
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -143,11 +144,16 @@ class Dataset:
         return dx, dy, dz
 
 
-def load_dataset(folder: str | Path, formation: str | None = None) -> Dataset:
+def load_dataset(
+    folder: str | Path,
+    formation: str | None = None,
+    required: Sequence[str] = ("train", "validation"),
+) -> Dataset:
     """All samples of a folder that ``deepct dataset generate`` wrote.
 
     ``formation`` picks views: that of the folder itself (also ``None``), or
-    ``cloudct-10`` out of any folder that has its ten directions.
+    ``cloudct-10`` out of any folder that has its ten directions. A split that is not
+    ``required``, as at least one is, may have no samples.
 
     Raises :class:`InputError` for a missing or incomplete manifest, a sample that is
     missing, damaged, of a wrong shape or with values that cannot be, and views that the
@@ -163,16 +169,18 @@ def load_dataset(folder: str | Path, formation: str | None = None) -> Dataset:
             continue
         extinction, radiance = _read_sample(folder, sample, manifest, len(geometry))
         splits[sample["split"]].append((extinction, radiance[views]))
-    for split, samples in splits.items():
-        if not samples:
+    for split in required:
+        if not splits[split]:
             raise InputError(folder / "manifest.json", f"has no {split} sample", _REMEDY)
+    shape = (manifest["levels"]["count"], *manifest["image_shape"])
+    none = Samples(torch.zeros(0, *shape), torch.zeros(0, len(views), *shape[1:]))
     train, validation = (
-        Samples(*(torch.stack(part) for part in zip(*splits[split])))
+        Samples(*(torch.stack(part) for part in zip(*splits[split]))) if splits[split] else none
         for split in ("train", "validation")
     )
     name = formation or manifest["formation"]
     # What all samples have in common, and the manifest does not tell.
-    first = next(sample for sample in manifest["samples"] if sample["split"] == "train")
+    first = next(sample for sample in manifest["samples"] if sample["split"] in splits)
     distances, wavelength_um = _cameras(folder / first["file"], len(geometry))
     geometry = replace(geometry, camera_distance_km=distances)
     return Dataset(

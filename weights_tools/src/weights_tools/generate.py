@@ -66,13 +66,16 @@ def cluster(address: str | None, workers: int | None) -> Iterator[Client]:
     Raises :class:`InputError` where nothing answers at the address.
     """
     if address is None:
-        with LocalCluster(
-            n_workers=workers or CPU_COUNT,
-            threads_per_worker=1,
-            processes=False,
-            dashboard_address=None,
-            silence_logs=logging.ERROR,
-        ) as local, Client(local) as client:
+        with (
+            LocalCluster(
+                n_workers=workers or CPU_COUNT,
+                threads_per_worker=1,
+                processes=False,
+                dashboard_address=None,
+                silence_logs=logging.ERROR,
+            ) as local,
+            Client(local) as client,
+        ):
             yield client
         return
     try:

@@ -17,6 +17,8 @@ fn a_data_set_is_made_resumed_and_checked() {
     let program = program();
     let plan = program.succeed("dataset plan set.toml --out set");
     assert_eq!(plan, "2 train, 0 validation and 0 test samples\n");
+    let one = program.succeed("dataset plan set.toml --set counts.train=1 --out one");
+    assert!(one.starts_with("1 train, "), "{one}");
     let made = program.run("dataset generate set.toml --share 1/1 --out set");
     assert!(made.stdout.starts_with("2 samples, 2 of them made now"), "{}", made.stdout);
     let halfway = ["samples: 1 of 2, ", " per hour, ", " left\n", "samples: 2 of 2, "];
@@ -34,10 +36,22 @@ fn wrong_input_is_refused() {
     std::fs::write(program.path("mistyped.toml"), mistyped).unwrap();
     program.refuse("dataset generate mistyped.toml --out none", &["mistyped.toml", "colums"]);
     program.refuse("dataset generate missing.toml --out none", &["missing.toml"]);
+    let counts = "dataset plan set.toml --quiet --set counts.test=3 --out none";
+    program.refuse(counts, &["counts", "3 for test", "at most the 0"]);
     let formation = "dataset generate set.toml --set formation=ten --out none";
     program.refuse(formation, &["formation", "ten", "cloudct-10"]);
     program.refuse("dataset generate set.toml --simulations nowhere --out none", &["field.nc"]);
     program.refuse("dataset check set.toml", &["manifest.json"]);
     let share = program.run("dataset generate set.toml --share 3/2 --out none");
     assert!(share.code == 2 && share.stderr.contains("3/8"), "{}", share.stderr);
+}
+
+/// Every recipe that ships gets as far as its simulations, which do not.
+#[test]
+fn recipes_that_ship_are_valid() {
+    let program = Program::new();
+    for name in ["bomex", "bomex-fields", "paper-main", "paper-auxiliary"] {
+        let recipe = format!("{}/../../recipes/{name}.toml", env!("CARGO_MANIFEST_DIR"));
+        program.refuse(&format!("dataset plan {recipe} --out none"), &["bomex_", ".nc: No such"]);
+    }
 }

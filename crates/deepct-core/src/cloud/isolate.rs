@@ -9,7 +9,7 @@ use super::{Cloud, Microphysics};
 use crate::error::{Error, Result};
 use crate::grid::Grid;
 use crate::math::DVec3;
-use ndarray::{Array2, Array3, Axis};
+use ndarray::{Array2, Array3, Axis, s};
 
 /// Which clouds are taken, and how large the ground around them is.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -34,18 +34,48 @@ impl Default for IsolateSettings {
     }
 }
 
-/// One cloud alone on its ground.
+/// A square out of a field: one cloud alone on its ground ([`isolate`]), or all that is there
+/// ([`tile`](super::tile)).
 #[derive(Debug, Clone, PartialEq)]
-pub struct Isolated {
-    /// The cloud, on a grid cut out of the field's; other clouds' water is removed.
+pub struct Piece {
+    /// What it holds, on a grid cut out of the field's.
     pub cloud: Cloud,
     /// The field's row and column of its south-west corner. Counted into the periodic
     /// neighbours: it may be negative or beyond the field.
     pub corner: [i64; 2],
-    /// Number of columns that belong to the cloud.
+    /// Number of its cloudy columns.
     pub columns: usize,
     /// The largest liquid water path of its columns (g/m2).
     pub water_path: f32,
+}
+
+/// The water of a field seen from above, by row and column.
+pub(super) struct Overview {
+    /// The most water of a voxel (g/m3).
+    pub(super) highest: Array2<f32>,
+    /// Liquid water path (g/m2).
+    pub(super) path: Array2<f32>,
+}
+
+impl Overview {
+    /// # Errors
+    /// A field without droplets.
+    pub(super) fn of(field: &Cloud) -> Result<Self> {
+        let Some(droplets) = &field.microphysics else {
+            return Err(Error::out_of_range("cloud field", "given by extinction", "with droplets"));
+        };
+        let water = &droplets.liquid_water_content;
+        Ok(Self {
+            highest: water.fold_axis(Axis(0), 0.0_f32, |most, water| most.max(*water)),
+            path: water.sum_axis(Axis(0)) * (1e3 * field.grid.spacing.z) as f32,
+        })
+    }
+
+    /// The row and column inside the field that is meant by one beyond its sides.
+    pub(super) fn wrap(&self, [row, col]: [i64; 2]) -> (usize, usize) {
+        let (rows, cols) = self.path.dim();
+        (row.rem_euclid(rows as i64) as usize, col.rem_euclid(cols as i64) as usize)
+    }
 }
 
 /// The clouds of a periodic field that are large enough and fit into a square with its
@@ -54,10 +84,8 @@ pub struct Isolated {
 /// # Errors
 /// A field without droplets; a side that leaves no room between the margins or exceeds
 /// the field.
-pub fn isolate(field: &Cloud, settings: &IsolateSettings) -> Result<Vec<Isolated>> {
-    let Some(droplets) = &field.microphysics else {
-        return Err(Error::out_of_range("cloud field", "given by extinction", "with droplets"));
-    };
+pub fn isolate(field: &Cloud, settings: &IsolateSettings) -> Result<Vec<Piece>> {
+    let overview = Overview::of(field)?;
     let [_, rows, cols] = field.grid.shape;
     let fits = settings.side > 2 * settings.margin && settings.side <= rows.min(cols);
     if !fits {
@@ -67,9 +95,7 @@ pub fn isolate(field: &Cloud, settings: &IsolateSettings) -> Result<Vec<Isolated
             format!("above two margins of {} and within {rows} x {cols}", settings.margin),
         ));
     }
-    let water = &droplets.liquid_water_content;
-    let highest = water.fold_axis(Axis(0), 0.0_f32, |most, water| most.max(*water));
-    let path = water.sum_axis(Axis(0)) * (1e3 * field.grid.spacing.z) as f32;
+    let highest = &overview.highest;
     let mut taken = Array2::from_elem((rows, cols), false);
     let mut isolated = Vec::new();
     for start in ndarray::indices((rows, cols)) {
@@ -77,16 +103,14 @@ pub fn isolate(field: &Cloud, settings: &IsolateSettings) -> Result<Vec<Isolated
             continue;
         }
         let patch = flood(start, &mut taken, |at| highest[at] > settings.threshold);
-        let wrap = |[row, col]: [i64; 2]| {
-            (row.rem_euclid(rows as i64) as usize, col.rem_euclid(cols as i64) as usize)
-        };
-        let water_path = patch.iter().map(|at| path[wrap(*at)]).fold(0.0, f32::max);
+        let path = |at: &[i64; 2]| overview.path[overview.wrap(*at)];
+        let water_path = patch.iter().map(path).fold(0.0, f32::max);
         if patch.len() < settings.columns || water_path < settings.water_path {
             continue;
         }
         if let Some(corner) = corner(&patch, settings) {
-            let cloud = cut(field, droplets, &patch, corner, settings.side)?;
-            isolated.push(Isolated { cloud, corner, columns: patch.len(), water_path });
+            let cloud = cut(field, &overview, &patch, corner, settings.side)?;
+            isolated.push(Piece { cloud, corner, columns: patch.len(), water_path });
         }
     }
     Ok(isolated)
@@ -132,40 +156,33 @@ fn corner(patch: &[[i64; 2]], settings: &IsolateSettings) -> Option<[i64; 2]> {
     Some(corner)
 }
 
-fn cut(
+/// The columns of `patch` out of a field, on a square of `side` columns, clear around them.
+pub(super) fn cut(
     field: &Cloud,
-    droplets: &Microphysics,
+    overview: &Overview,
     patch: &[[i64; 2]],
     corner: [i64; 2],
     side: usize,
 ) -> Result<Cloud> {
-    let [levels, rows, cols] = field.grid.shape;
+    let levels = field.grid.shape[0];
     let spacing = field.grid.spacing;
     let offset = DVec3::new(corner[1] as f64, corner[0] as f64, 0.0);
     let grid = Grid::new(field.grid.origin + offset * spacing, spacing, [levels, side, side])?;
     let columns = |values: &Array3<f32>| {
         let mut cut = Array3::zeros(grid.shape);
         for &[row, col] in patch {
-            let (row_in, col_in) = ((row - corner[0]) as usize, (col - corner[1]) as usize);
-            let row = row.rem_euclid(rows as i64) as usize;
-            let col = col.rem_euclid(cols as i64) as usize;
-            cut.slice_mut(ndarray::s![.., row_in, col_in]).assign(&values.slice(ndarray::s![
-                ..,
-                row,
-                col
-            ]));
+            let inside = [(row - corner[0]) as usize, (col - corner[1]) as usize];
+            let (row, col) = overview.wrap([row, col]);
+            cut.slice_mut(s![.., inside[0], inside[1]]).assign(&values.slice(s![.., row, col]));
         }
         cut
     };
-    let cloud = Cloud::from_microphysics(
-        grid,
-        Microphysics {
-            liquid_water_content: columns(&droplets.liquid_water_content),
-            effective_radius: columns(&droplets.effective_radius),
-            effective_variance: columns(&droplets.effective_variance),
-        },
-    )?;
-    Ok(Cloud { extinction: field.extinction.as_ref().map(columns), ..cloud })
+    let droplets = field.microphysics.as_ref().map(|droplets| Microphysics {
+        liquid_water_content: columns(&droplets.liquid_water_content),
+        effective_radius: columns(&droplets.effective_radius),
+        effective_variance: columns(&droplets.effective_variance),
+    });
+    Ok(Cloud { grid, microphysics: droplets, extinction: field.extinction.as_ref().map(columns) })
 }
 
 #[cfg(test)]
@@ -187,7 +204,7 @@ mod tests {
         IsolateSettings { side, columns: 1, ..IsolateSettings::default() }
     }
 
-    fn water(isolated: &Isolated) -> &Array3<f32> {
+    fn water(isolated: &Piece) -> &Array3<f32> {
         &isolated.cloud.microphysics.as_ref().unwrap().liquid_water_content
     }
 

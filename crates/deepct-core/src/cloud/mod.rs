@@ -8,12 +8,14 @@ mod generate;
 mod isolate;
 pub mod resample;
 mod spectrum;
+mod tile;
 mod turbulence;
 
 pub use droplets::{LARGEST_RADIUS, effective_radius};
 pub use generate::{CumulusSettings, FieldSettings, adiabatic_liquid_water, cumulus, field};
-pub use isolate::{IsolateSettings, Isolated, isolate};
+pub use isolate::{IsolateSettings, Piece, isolate};
 pub use spectrum::{LARGEST_VARIANCE, Spectrum, doubling_radii};
+pub use tile::tile;
 
 use crate::error::{Error, Result};
 use crate::grid::{Grid, Volume};

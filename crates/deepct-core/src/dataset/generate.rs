@@ -2,7 +2,7 @@
 
 use super::plan::{self, Plan, Planned, Share};
 use super::{DatasetSettings, FORMAT, Light, Manifest, Sample};
-use crate::cloud::{Cloud, Isolated, Microphysics};
+use crate::cloud::{Cloud, Microphysics, Piece};
 use crate::error::{Error, Result};
 use crate::grid::Grid;
 use crate::io::{self, Provenance};
@@ -135,16 +135,16 @@ impl<'a> Workshop<'a> {
         progress: &(dyn Fn(u64) + Sync),
     ) -> Result<()> {
         let Some(&&Planned { source, snapshot, .. }) = planned.first() else { return Ok(()) };
-        let clouds = plan::clouds(self.settings, self.simulations, source, snapshot)?;
+        let pieces = plan::pieces(self.settings, self.simulations, source, snapshot)?;
         let source = &self.settings.sources[source];
         let simulation = self.simulations.join(&source.file);
         planned.par_iter().try_for_each(|planned| {
-            let Some(isolated) = clouds.iter().find(|cloud| cloud.corner == planned.corner) else {
+            let Some(piece) = pieces.iter().find(|piece| piece.corner == planned.corner) else {
                 let problem = format!("snapshot {snapshot} has no cloud at {:?}", planned.corner);
                 let remedy = "take the simulation that the data set was begun with";
                 return Err(Error::file(&simulation, "cloud", problem, remedy));
             };
-            let cloud = self.seed(planned, isolated).map_err(Error::in_file(&simulation))?;
+            let cloud = self.seed(planned, piece).map_err(Error::in_file(&simulation))?;
             let scene = self.scene(&cloud, source.light, droplets)?;
             self.render(cloud, &scene, &folder.join(planned.file()))?;
             progress(1);
@@ -168,13 +168,13 @@ impl<'a> Workshop<'a> {
 
     /// The cloud on the grid of the samples, its water changed and in droplets of a number
     /// of its own.
-    fn seed(&self, planned: &Planned, isolated: &Isolated) -> Result<Cloud> {
+    fn seed(&self, planned: &Planned, piece: &Piece) -> Result<Cloud> {
         let Planned { source, snapshot, corner: [row, col] } = *planned;
         let key = [source as u64, snapshot as u64, row as u64, col as u64];
         let mut rng = stream(self.settings.seed, Purpose::Dataset, &key);
         let [least, most] = self.settings.droplets_per_cm3;
         let droplets_per_cm3 = least * (most / least).powf(rng.random::<f64>());
-        let Some(droplets) = &isolated.cloud.microphysics else {
+        let Some(droplets) = &piece.cloud.microphysics else {
             return Err(Error::out_of_range("liquid water content", "missing", "in a cloud"));
         };
         let mut water = &droplets.liquid_water_content * self.settings.water_share;

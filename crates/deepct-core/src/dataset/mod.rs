@@ -3,8 +3,8 @@
 //! A data set is a folder: `manifest.json` and one file per sample under `samples/`,
 //! each with the truth (`extinction`) and what a formation sees of it (`radiance`, by the
 //! deterministic solver, without sensor noise: that is drawn anew each time a sample is used).
-//! Every sample is one isolated cloud of a large-eddy simulation. The sets are split
-//! by time, so that no cloud stands in two of them.
+//! Every sample is one isolated cloud of a large-eddy simulation, or a square of its field. The
+//! sets are split by time, so that no cloud stands in two of them.
 //!
 //! Which samples there will be is decided before the first is made ([`plan`]), so that
 //! several processes, on several machines, can each [`generate`] a [`Share`] of them.
@@ -113,6 +113,7 @@ mod tests {
     use crate::io::{self, Provenance};
     use crate::math::DVec3;
     use ndarray::Array3;
+    use std::collections::BTreeMap;
 
     /// A simulation of one snapshot with two boxes of cloud, one of them across the
     /// periodic side, and settings that take both.
@@ -154,8 +155,10 @@ mod tests {
             columns: 12,
             column_km: 0.05,
             levels: Levels { bottom_km: 0.48, count: 6, spacing_km: 0.04 },
+            isolated: true,
             minimum_columns: 10,
             minimum_water_path: 20.0,
+            counts: BTreeMap::new(),
             sources: vec![Source {
                 file: "field.nc".into(),
                 split: Split::Train,
@@ -320,5 +323,59 @@ mod tests {
         std::fs::write(Plan::path(&out), serde_json::to_string(&plan).unwrap()).unwrap();
         let problem = make(&settings, folder.path(), &out, None).unwrap_err().to_string();
         assert!(problem.contains("plan.json") && problem.contains("source 1"), "{problem}");
+    }
+
+    #[test]
+    fn fields_keep_all_water() {
+        let folder = tempfile::tempdir().unwrap();
+        let settings = DatasetSettings {
+            isolated: false,
+            minimum_columns: 1,
+            minimum_water_path: 0.0,
+            ..simulation(folder.path())
+        };
+        let out = folder.path().join("set");
+        make(&settings, folder.path(), &out, None).unwrap();
+        let samples = check(&out, &|_| ()).unwrap().samples;
+        assert!((1..=4).contains(&samples.len()));
+        // All voxels with water are alike.
+        let mut voxels = 0;
+        for sample in &samples {
+            let values = io::read_volume(out.join(&sample.file)).unwrap().values;
+            let wet = values.iter().filter(|value| **value > 0.0).count();
+            assert!(wet > 0, "a clear square");
+            voxels += wet;
+        }
+        assert_eq!(voxels, 48 + 90);
+    }
+
+    #[test]
+    fn each_split_has_the_samples_that_are_asked_for() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut settings = simulation(folder.path());
+        let of = |split| Source { split, ..settings.sources[0].clone() };
+        settings.sources = vec![of(Split::Train), of(Split::Validation), of(Split::Train)];
+        let planned = |counts: &[(Split, usize)]| {
+            let counts = counts.iter().copied().collect();
+            let out = tempfile::tempdir().unwrap();
+            plan(
+                &DatasetSettings { counts, ..settings.clone() },
+                folder.path(),
+                out.path(),
+                &|_| (),
+            )
+        };
+        let all = planned(&[]).unwrap();
+        assert_eq!((all.count(Split::Train), all.count(Split::Validation)), (4, 2));
+        let some = planned(&[(Split::Train, 3), (Split::Test, 0)]).unwrap();
+        assert_eq!((some.count(Split::Train), some.count(Split::Validation)), (3, 2));
+        // In the same order, each at most once.
+        let mut rest = all.samples.iter();
+        assert!(some.samples.iter().all(|one| rest.any(|other| other == one)));
+        assert_eq!(planned(&[(Split::Train, 3), (Split::Test, 0)]).unwrap(), some);
+        for (split, count, has) in [(Split::Train, 5, "4"), (Split::Test, 1, "0")] {
+            let problem = planned(&[(split, count)]).unwrap_err().to_string();
+            assert!(problem.contains(&format!("at most the {has} that")), "{problem}");
+        }
     }
 }

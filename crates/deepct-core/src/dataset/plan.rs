@@ -2,12 +2,12 @@
 
 use super::generate::Workshop;
 use super::{DatasetSettings, Manifest, Split};
-use crate::cloud::{self, Cloud, IsolateSettings, Isolated};
+use crate::cloud::{self, Cloud, IsolateSettings, Piece};
 use crate::error::{Error, Result};
 use crate::io;
 use crate::io::import::{ImportSettings, import_cloud};
 use crate::math::DVec3;
-use crate::rng::{Purpose, RngExt, stream};
+use crate::rng::{Purpose, Rng, RngExt, stream};
 use serde::{Deserialize, Serialize};
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
@@ -65,11 +65,12 @@ pub fn plan(
     if !path.exists() {
         let mut samples = Vec::new();
         for (source, snapshot) in settings.snapshots() {
-            let clouds = clouds(settings, simulations, source, snapshot)?;
-            let planned = |cloud: Isolated| Planned { source, snapshot, corner: cloud.corner };
-            samples.extend(clouds.into_iter().map(planned));
+            let pieces = pieces(settings, simulations, source, snapshot)?;
+            let planned = |piece: Piece| Planned { source, snapshot, corner: piece.corner };
+            samples.extend(pieces.into_iter().map(planned));
             progress(1);
         }
+        let samples = count_out(settings, samples)?;
         Plan { configuration: settings.clone(), samples }.write(&path)?;
     }
     // Another process may have been faster, with other settings.
@@ -90,27 +91,68 @@ fn same(asked: &DatasetSettings, begun: &DatasetSettings, path: &Path) -> Result
     ))
 }
 
-/// The clouds of one snapshot that are taken, in the order of their places.
-pub(super) fn clouds(
+/// The clouds or squares of one snapshot that may be taken, in the order of their places.
+pub(super) fn pieces(
     settings: &DatasetSettings,
     simulations: &Path,
     source: usize,
     snapshot: usize,
-) -> Result<Vec<Isolated>> {
+) -> Result<Vec<Piece>> {
     let field = field(settings, &simulations.join(&settings.sources[source].file), snapshot)?;
-    let isolate = IsolateSettings {
-        side: settings.columns,
-        columns: settings.minimum_columns,
-        water_path: settings.minimum_water_path,
-        ..IsolateSettings::default()
-    };
-    let mut clouds = cloud::isolate(&field, &isolate)?;
     let indices = [source as u64, snapshot as u64];
     let mut rng = stream(settings.seed, Purpose::Dataset, &indices);
-    while clouds.len() > settings.sources[source].clouds {
-        clouds.remove(rng.random_range(0..clouds.len()));
+    let DatasetSettings { columns: side, minimum_columns, minimum_water_path, .. } = *settings;
+    let mut pieces = if settings.isolated {
+        let isolate = IsolateSettings {
+            side,
+            columns: minimum_columns,
+            water_path: minimum_water_path,
+            ..IsolateSettings::default()
+        };
+        cloud::isolate(&field, &isolate)?
+    } else {
+        let [_, rows, cols] = field.grid.shape;
+        let origin = [rng.random_range(0..rows), rng.random_range(0..cols)];
+        let mut squares = cloud::tile(&field, side, origin)?;
+        squares.retain(|piece| {
+            piece.columns >= minimum_columns.max(1) && piece.water_path >= minimum_water_path
+        });
+        squares
+    };
+    thin(&mut pieces, settings.sources[source].clouds, &mut rng);
+    Ok(pieces)
+}
+
+/// Draw as many samples of each split as are asked for.
+fn count_out(settings: &DatasetSettings, samples: Vec<Planned>) -> Result<Vec<Planned>> {
+    let mut samples = samples;
+    for (split, count) in &settings.counts {
+        let is_of = |planned: &Planned| settings.sources[planned.source].split == *split;
+        let (mut own, others): (Vec<_>, Vec<_>) = samples.into_iter().partition(is_of);
+        if own.len() < *count {
+            return Err(Error::out_of_range(
+                "counts",
+                format!("{count} for {}", split.name()),
+                format!(
+                    "at most the {} that its sources have: name more snapshots, or let more be \
+                     taken of each",
+                    own.len()
+                ),
+            ));
+        }
+        thin(&mut own, *count, &mut stream(settings.seed, Purpose::Dataset, &[*split as u64]));
+        samples = others;
+        samples.append(&mut own);
     }
-    Ok(clouds)
+    samples.sort_by_key(|planned| (planned.source, planned.snapshot));
+    Ok(samples)
+}
+
+/// Leave out what is beyond `most`, at random.
+fn thin<T>(items: &mut Vec<T>, most: usize, rng: &mut impl Rng) {
+    while items.len() > most {
+        items.remove(rng.random_range(0..items.len()));
+    }
 }
 
 /// The whole field of one snapshot, on the samples' levels.

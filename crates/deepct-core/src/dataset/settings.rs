@@ -7,6 +7,7 @@ use crate::optics::water_refractive_index;
 use crate::scene::Formation;
 use crate::transport::OrdinatesSettings;
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 /// What a data set is made of.
@@ -40,12 +41,25 @@ pub struct DatasetSettings {
     pub column_km: f64,
     /// Levels of a sample.
     pub levels: Levels,
-    /// Fewest cloudy columns of a cloud that is taken.
+    /// Whether a sample is one cloud alone on its ground; otherwise it is a square of the field
+    /// with all that is in it.
+    #[serde(default = "isolated")]
+    pub isolated: bool,
+    /// Fewest cloudy columns of a sample.
     pub minimum_columns: usize,
-    /// Least liquid water path (g/m2) that a cloud must reach to be taken.
+    /// Least liquid water path (g/m2) that a sample must reach in a column.
     pub minimum_water_path: f32,
+    /// Number of samples of each split, drawn at random from all that the sources have; all of
+    /// a split that is not named.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub counts: BTreeMap<Split, usize>,
     /// Where the clouds come from.
     pub sources: Vec<Source>,
+}
+
+/// What data sets had before the setting was there.
+fn isolated() -> bool {
+    true
 }
 
 /// A stretch of time of one simulation.
@@ -62,7 +76,7 @@ pub struct Source {
     pub last: usize,
     /// Take every so many snapshots.
     pub every: usize,
-    /// The most clouds taken of one snapshot, drawn at random.
+    /// The most samples taken of one snapshot, drawn at random.
     pub clouds: usize,
     /// How they are changed; as the simulation made them where this is missing.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -105,7 +119,7 @@ pub struct SolverSettings {
 }
 
 /// The set that a sample belongs to.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Split {
     /// What a network learns from.
@@ -114,6 +128,17 @@ pub enum Split {
     Validation,
     /// What nobody looks at before the end.
     Test,
+}
+
+impl Split {
+    /// Its name in files and settings.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Train => "train",
+            Self::Validation => "validation",
+            Self::Test => "test",
+        }
+    }
 }
 
 impl SolverSettings {
