@@ -99,3 +99,16 @@ def test_metadata_has_to_be_complete_and_known(tmp_path, capsys):
     assert "unknown metadata sun" in capsys.readouterr().err
     (tmp_path / "metadata.json").write_text(json.dumps(metadata))
     assert main([*command, "--metadata", str(tmp_path / "metadata.json")]) == 0
+
+
+def test_unbiased_weights_have_the_total_of_their_validation_clouds(tmp_path):
+    checkpoint = saved(tmp_path / "network.pt", seasoned_network([3, 4]), False)
+    metadata = {**weights_metadata(3, 4), "scores": {"epsilon": 0.4, "delta": 0.2}}
+    export(checkpoint, tmp_path / "w.safetensors", metadata, unbiased=True)
+    with safe_open(tmp_path / "w.safetensors", "pt") as file:
+        header = json.loads(file.metadata()["deepct"])
+    # A share of 0.2 was missing: 0.8 times 1.25 is all.
+    assert header["output_scale"] == pytest.approx(1.25 * metadata["output_scale"])
+    assert header["scores"] == {"epsilon": 0.4, "delta": 0.0}
+    with pytest.raises(InputError, match="its scores have a delta of None"):
+        export(checkpoint, tmp_path / "w.safetensors", weights_metadata(3, 4), unbiased=True)

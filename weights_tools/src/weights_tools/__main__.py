@@ -68,6 +68,9 @@ def _parser() -> argparse.ArgumentParser:
     convert.add_argument("checkpoint", type=Path)
     convert.add_argument("--out", type=Path, required=True, help="NAME.safetensors or NAME.onnx")
     convert.add_argument("--metadata", type=Path, help="JSON with metadata to add or replace")
+    convert.add_argument(
+        "--unbiased", action="store_true", help="bring the mean delta of the scores to zero"
+    )
     convert.set_defaults(run=_export)
 
     compare = verbs.add_parser(
@@ -135,7 +138,7 @@ def _baselines(options: argparse.Namespace) -> int:
 
 def _export(options: argparse.Namespace) -> int:
     changes = read_metadata(options.metadata) if options.metadata else {}
-    export(options.checkpoint, options.out, changes)
+    export(options.checkpoint, options.out, changes, options.unbiased)
     print(f"wrote {options.out}")
     return 0
 

@@ -80,13 +80,21 @@ def read_metadata(path: str | Path) -> dict[str, Any]:
     return metadata
 
 
-def export(checkpoint_path: str | Path, output: str | Path, changes: dict[str, Any]) -> None:
+def export(
+    checkpoint_path: str | Path,
+    output: str | Path,
+    changes: dict[str, Any],
+    unbiased: bool = False,
+) -> None:
     """Write the weights of a checkpoint, batch norms folded: as an ONNX graph of the whole
     network where ``output`` ends in ``.onnx``, else as safetensors.
 
     The checkpoint's own metadata is used, entries of ``changes`` in the place of its own
     (objects key by key); a bare state dict and the authors' checkpoints have none, and
     ``changes`` has to give all :data:`METADATA_KEYS`.
+
+    ``unbiased`` raises the scale of the output until the mean delta of the clouds that gave the
+    scores is zero: squared errors make a network too dark where it cannot know.
 
     Raises :class:`InputError` for a checkpoint that cannot be used and for metadata that
     is missing or unknown.
@@ -101,6 +109,8 @@ def export(checkpoint_path: str | Path, output: str | Path, changes: dict[str, A
         problem = f"unknown metadata {', '.join(unknown)}"
         raise InputError(checkpoint_path, problem, f"the keys are {', '.join(METADATA_KEYS)}")
     _check_outputs(network, metadata, checkpoint_path)
+    if unbiased:
+        metadata = _unbiased(metadata, checkpoint_path)
     header = {
         "format_version": FORMAT_VERSION,
         "architecture": {"channels": network.channels, "last_relu": True},
@@ -109,6 +119,16 @@ def export(checkpoint_path: str | Path, output: str | Path, changes: dict[str, A
     }
     write = _onnx if is_onnx(output) else _safetensors
     write_whole(Path(output), write(network, header))
+
+
+def _unbiased(metadata: dict[str, Any], path: str | Path) -> dict[str, Any]:
+    delta = metadata["scores"].get("delta")
+    if delta is None or delta >= 1.0:
+        remedy = "give the scores with --metadata, or leave --unbiased out"
+        raise InputError(path, f"its scores have a delta of {delta}", remedy)
+    # The epsilon was measured before; that of the delta is known.
+    scores = {**metadata["scores"], "delta": 0.0}
+    return {**metadata, "output_scale": metadata["output_scale"] / (1.0 - delta), "scores": scores}
 
 
 def _check_outputs(network: Network, metadata: dict[str, Any], path: str | Path) -> None:
