@@ -71,7 +71,7 @@ def cluster(address: str | None, workers: int | None) -> Iterator[Client]:
                 n_workers=workers or CPU_COUNT,
                 threads_per_worker=1,
                 processes=False,
-                dashboard_address=None,
+                dashboard_address="127.0.0.1:0",
                 silence_logs=logging.ERROR,
             ) as local,
             Client(local) as client,
