@@ -3,7 +3,7 @@
 use crate::global::Global;
 use crate::inversion::{DEFAULTS, Flags, InvertSettings, Job};
 use crate::{Outcome, config};
-use deepct_core::inversion::{QUICK_ITERATIONS, Start, network_start};
+use deepct_core::inversion::{QUICK_ITERATIONS, network_start};
 use deepct_core::io::{load_weights, read_observation};
 use deepct_core::network::Network;
 use deepct_core::{Error, Result};
@@ -45,7 +45,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
         settings,
         observation,
         grid: start.extinction.grid,
-        start: Start::Estimate(start),
+        start: start.into(),
         init: args.weights.display().to_string(),
     };
     job.run(global)?;

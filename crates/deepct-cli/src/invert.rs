@@ -61,6 +61,6 @@ fn start(init: &str) -> Result<Start> {
             Ok(Start::Constant(extinction))
         }
         Ok(extinction) => Err(Error::out_of_range("--init", extinction, "positive (1/km)")),
-        Err(_) => Ok(Start::Estimate(read_estimate(init)?)),
+        Err(_) => Ok(read_estimate(init)?.into()),
     }
 }

@@ -13,6 +13,7 @@ use deepct_core::image::ViewStack;
 use deepct_core::inversion::{
     self, InversionSettings, OrdinatesModels, Problem, QUICK_ITERATIONS, Start, network_grid,
 };
+use deepct_core::network::Estimate;
 use deepct_core::optics::air::Air;
 use deepct_core::optics::{DropletSettings, DropletTable, Medium, PhaseFunction};
 use deepct_core::scene::{self, Observation, Scene, Surface};
@@ -200,7 +201,7 @@ pub(crate) fn invert(
             (_, Ok(word)) if word == "auto" => Start::Search,
             _ => {
                 let values = Floats::new(start, "start", VOLUME)?.to_owned();
-                Start::Estimate(Volume::new(grid.0, values).map_err(raise)?.into())
+                Estimate::from(Volume::new(grid.0, values).map_err(raise)?).into()
             }
         },
     };

@@ -13,6 +13,9 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use std::path::PathBuf;
 
+/// Values of a volume, `[z, y, x]`.
+type Field = Py<PyArray3<f32>>;
+
 /// A network with its weights, ready to run. Made by `Network.load`.
 #[pyclass(frozen, module = "deepct_py")]
 pub(crate) struct Network(network::Network);
@@ -87,7 +90,7 @@ impl Network {
         sun: Option<Sun>,
         mask: Option<&Bound<'_, PyAny>>,
         wavelength_um: f64,
-    ) -> PyResult<Py<PyArray3<f32>>> {
+    ) -> PyResult<Field> {
         let estimate = self.estimate(py, radiance, views, sun, mask, wavelength_um)?;
         Ok(estimate.0)
     }
@@ -110,7 +113,7 @@ impl Network {
         sun: Option<Sun>,
         mask: Option<&Bound<'_, PyAny>>,
         wavelength_um: f64,
-    ) -> PyResult<(Py<PyArray3<f32>>, Option<Py<PyArray3<f32>>>)> {
+    ) -> PyResult<(Field, Option<Field>)> {
         let radiance = Floats::new(radiance, "radiance", IMAGES)?.to_owned();
         let mask = mask.map(|mask| booleans(mask, "mask", VOLUME)).transpose()?;
         let sun = sun.map_or_else(scene::Sun::default, |sun| sun.0);

@@ -1,6 +1,6 @@
 //! The hybrid: an inversion that starts from what the network says.
 
-use super::{InversionSettings, Models, Problem, Reconstruction, Start, Watch, invert};
+use super::{InversionSettings, Models, Problem, Reconstruction, Watch, invert};
 use crate::error::{Error, Result};
 use crate::grid::Grid;
 use crate::network::{Estimate, Network};
@@ -52,5 +52,5 @@ pub fn hybrid(
         ));
     }
     problem.mask.apply(&mut start.extinction)?;
-    invert(problem, models, &Start::Estimate(start), settings, watch)
+    invert(problem, models, &start.into(), settings, watch)
 }

@@ -87,7 +87,13 @@ pub enum Start {
     Search,
     /// An extinction on the grid of the mask, from a file or a network; how far off it is
     /// expected to be, if that is told, is part of the prior.
-    Estimate(Estimate),
+    Estimate(Box<Estimate>),
+}
+
+impl From<Estimate> for Start {
+    fn from(estimate: Estimate) -> Self {
+        Self::Estimate(Box::new(estimate))
+    }
 }
 
 /// One step of an inversion.

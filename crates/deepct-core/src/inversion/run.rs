@@ -136,14 +136,14 @@ impl<'a> Run<'a> {
             Measurement::new(observation, settings)?.of_mask(mask, &observation.views);
         let expected = match start {
             Start::Estimate(estimate) => {
-                let Estimate { extinction, uncertainty } = estimate;
+                let Estimate { extinction, uncertainty } = &**estimate;
                 check_grid("grid of the start", &mask.grid, &extinction.grid)?;
                 extinction.check_non_negative("extinction of the start")?;
                 if let Some(uncertainty) = uncertainty {
                     check_grid("grid of the uncertainty", &mask.grid, &uncertainty.grid)?;
                     uncertainty.check_non_negative("uncertainty of the start")?;
                 }
-                Some(estimate)
+                Some(&**estimate)
             }
             Start::Constant(_) | Start::Search => None,
         };
@@ -201,13 +201,12 @@ impl<'a> Run<'a> {
         let Level { block, grid, shares } = level;
         let variables = Variables::new(*grid, shares, self.settings);
         let mut prior = Prior::new(grid, shares, *block, self.settings.typical_gradient);
-        if let Some(uncertainty) = self.expected.and_then(|start| start.uncertainty.as_ref()) {
-            if self.settings.start_error > 0.0 {
-                let uncertainty = means(uncertainty, self.mask, *block)?.values.mapv(|value| {
-                    self.settings.start_error * f64::from(value).max(LEAST_UNCERTAINTY)
-                });
-                prior = prior.with_errors(&variables.gather(&uncertainty));
-            }
+        let uncertainty = self.expected.and_then(|start| start.uncertainty.as_ref());
+        if let Some(uncertainty) = uncertainty.filter(|_| self.settings.start_error > 0.0) {
+            let errors = means(uncertainty, self.mask, *block)?
+                .values
+                .mapv(|value| self.settings.start_error * f64::from(value).max(LEAST_UNCERTAINTY));
+            prior = prior.with_errors(&variables.gather(&errors));
         }
         let coarse_error =
             if *block > 1 { *block as f64 * self.settings.coarse_error } else { 0.0 };

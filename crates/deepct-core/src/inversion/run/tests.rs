@@ -195,7 +195,7 @@ fn a_start_is_what_the_prior_expects() {
     let mut rough =
         Volume::new(truth.grid, Array3::from_shape_fn(truth.grid.shape, rough)).unwrap();
     mask.apply(&mut rough).unwrap();
-    let start = Start::Estimate(rough.clone().into());
+    let start = Start::from(Estimate::from(rough.clone()));
     let found = invert(&problem, &mut models, &start, &settings, &()).unwrap().extinction;
     let change = metrics::relative_error(&rough, &found).unwrap();
     assert!(change < 0.01, "{change}");
@@ -214,7 +214,7 @@ fn what_does_not_fit_is_refused() {
     assert!(run(&problem, Start::Constant(0.0), &settings()).contains("start"));
     let mut moved = truth.clone();
     moved.grid.origin.x += 1.0;
-    let error = run(&problem, Start::Estimate(moved.clone().into()), &settings());
+    let error = run(&problem, Estimate::from(moved.clone()).into(), &settings());
     assert!(error.contains("grid of the start"), "{error}");
     let other = Problem { truth: Some(&moved), ..problem };
     assert!(run(&other, Start::Search, &settings()).contains("grid of the truth"));
