@@ -101,6 +101,27 @@ def test_inference_is_that_of_numpy(network, layers, radiance, views, sun, grid)
     assert found.origin == pytest.approx(grid.origin)
 
 
+def test_an_estimate_tells_its_uncertainty(network, radiance, views, grid):
+    extinction, uncertainty = network.estimate(radiance, views)
+    np.testing.assert_array_equal(extinction, network.infer(radiance, views))
+    assert uncertainty is None
+    # The built-in network tells one, which is most where there is cloud.
+    built_in = deepct_py.Network.load("cloudct-10")
+    cloud = deepct_py.generate_cloud(seed=3)
+    views = deepct_py.Views.load("cloudct-10", cloud.grid.center)
+    images = deepct_py.render(
+        cloud.extinction, cloud.grid, views, solver="ordinates", effective_radius=10.0, air=True
+    ).radiance
+    extinction, uncertainty = built_in.estimate(images, views)
+    assert uncertainty.shape == extinction.shape and uncertainty.min() >= 0.0
+    error = np.abs(extinction - cloud.extinction)
+    assert 0.5 < uncertainty.mean() / error.mean() < 2.0
+    assert np.corrcoef(uncertainty.ravel(), error.ravel())[0, 1] > 0.5
+    mask = cloud.extinction > 0.0
+    masked = built_in.estimate(images, views, mask=mask)[1]
+    np.testing.assert_array_equal(masked, np.where(mask, uncertainty, 0.0))
+
+
 def test_a_mask_sets_what_is_outside_to_zero(network, radiance, views, grid):
     mask = np.zeros(grid.shape, bool)
     mask[2:5, 3:12, 4:9] = True

@@ -172,6 +172,21 @@ def test_an_inversion_finds_a_thin_ball(grid, extinction, views):
         deepct_py.invert(images.radiance, views, grid, iteratons=3)
 
 
+def test_an_inversion_knows_droplets_and_air(grid, extinction, views):
+    light = {"effective_radius": 8.0, "air": True}
+    images = deepct_py.render(extinction, grid, views, solver="ordinates", **light)
+    options = {"start": extinction, "iterations": 0, "mask": np.ones(grid.shape, bool)}
+
+    def misfit(**light):
+        found = deepct_py.invert(images.radiance, views, grid, **options, **light)
+        return found.history[0]["misfit"]
+
+    # The truth explains its images in the light that they were made in, and in no other.
+    assert misfit(**light) < 0.1
+    assert misfit(effective_radius=8.0) > 1.0
+    assert misfit(air=True) > 1.0
+
+
 def test_a_hybrid_starts_from_the_network(views):
     network = deepct_py.Network.load("cloudct-10")
     near = deepct_py.Views.load("cloudct-10", target=views[0].target, size=(12, 12))

@@ -165,6 +165,8 @@ pub struct Outcome {
     pub relative_error: f64,
     /// Relative error of the total extinction delta.
     pub mass_error: f64,
+    /// The epsilon that the network expected of its own answer, if its weights tell that.
+    pub expected_relative_error: Option<f64>,
     /// Time from images to extinction (s), with the carving.
     pub seconds: f64,
     /// Steps of the inversion.

@@ -47,6 +47,13 @@ fn mean_and_spread(values: &[f64]) -> (f64, f64) {
     (mean, (squares / (count - 1.0).max(1.0)).sqrt())
 }
 
+/// Pearson's correlation over the clouds.
+fn correlation(first: &[f64], second: &[f64]) -> f64 {
+    let ((a, s), (b, t)) = (mean_and_spread(first), mean_and_spread(second));
+    let products = first.iter().zip(second).map(|(x, y)| (x - a) * (y - b)).sum::<f64>();
+    products / ((first.len() - 1) as f64 * s * t)
+}
+
 fn text(settings: &ExperimentSettings, outcomes: &[Outcome]) -> String {
     let clouds = {
         let mut names: Vec<&str> = outcomes.iter().map(|one| one.cloud.as_str()).collect();
@@ -64,8 +71,8 @@ fn text(settings: &ExperimentSettings, outcomes: &[Outcome]) -> String {
         settings.weights.display(),
         settings.sensor
     ));
-    line("| way | ε (%) | δ (%) | time (s) | steps |".into());
-    line("|---|---|---|---|---|".into());
+    line("| way | ε (%) | δ (%) | mean of abs(δ) (%) | time (s) | steps |".into());
+    line("|---|---|---|---|---|---|".into());
     for method in &settings.methods {
         let of = |value: fn(&Outcome) -> f64| {
             let values: Vec<f64> =
@@ -75,12 +82,13 @@ fn text(settings: &ExperimentSettings, outcomes: &[Outcome]) -> String {
         let (epsilon, delta) = (of(|one| one.relative_error), of(|one| one.mass_error));
         let (seconds, steps) = (of(|one| one.seconds), of(|one| one.steps as f64));
         line(format!(
-            "| {} | {:.1} ± {:.1} | {:.1} ± {:.1} | {:.3} ± {:.3} | {:.1} |",
+            "| {} | {:.1} ± {:.1} | {:.1} ± {:.1} | {:.1} | {:.3} ± {:.3} | {:.1} |",
             method.name(),
             100.0 * epsilon.0,
             100.0 * epsilon.1,
             100.0 * delta.0,
             100.0 * delta.1,
+            100.0 * of(|one| one.mass_error.abs()).0,
             seconds.0,
             seconds.1,
             steps.0
@@ -114,6 +122,19 @@ fn text(settings: &ExperimentSettings, outcomes: &[Outcome]) -> String {
         line(format!("| {} | {} |", method.name(), cells.join(" | ")));
     }
     line(String::new());
+    let expected: Vec<(f64, f64)> = outcomes
+        .iter()
+        .filter_map(|one| Some((100.0 * one.expected_relative_error?, 100.0 * one.relative_error)))
+        .collect();
+    if expected.len() > 1 {
+        let (told, found): (Vec<f64>, Vec<f64>) = expected.iter().copied().unzip();
+        line(format!(
+            "The network itself expected an ε of {:.1} % in the mean; over the clouds, what it \
+             expected and what came have a correlation of {:.2}.\n",
+            mean_and_spread(&told).0,
+            correlation(&told, &found)
+        ));
+    }
     line("## By cloud\n".into());
     line("| cloud | way | ε (%) | δ (%) | time (s) | steps | misfit | picture |".into());
     line("|---|---|---|---|---|---|---|---|".into());
@@ -155,6 +176,7 @@ mod tests {
             optical_depth: if cloud == "a" { 12.0 } else { 40.0 },
             relative_error: epsilon,
             mass_error: -0.1,
+            expected_relative_error: (method == Method::Network).then_some(epsilon + 0.05),
             seconds: 2.0,
             steps: 3,
             misfit: None,
@@ -169,8 +191,12 @@ mod tests {
         let methods = vec![Method::Network, Method::Hybrid];
         let text = text(&ExperimentSettings { methods, ..Default::default() }, &outcomes);
         // The sample standard deviation of 30 and 50 is 20 / sqrt(2).
-        assert!(text.contains("| network | 40.0 ± 14.1 | -10.0 ± 0.0 | 2.000 ± 0.000 | 3.0 |"));
+        assert!(
+            text.contains("| network | 40.0 ± 14.1 | -10.0 ± 0.0 | 10.0 | 2.000 ± 0.000 | 3.0 |")
+        );
         assert!(text.contains("2 clouds, weights `cloudct-10`"));
+        assert!(text.contains("expected an ε of 45.0 % in the mean"));
+        assert!(text.contains("have a correlation of 1.00."));
         assert!(text.contains("| network | no cloud | 30.0, -10.0 (1) | 50.0, -10.0 (1) |"));
         assert!(text.contains("(figures/b-hybrid.png)"));
     }

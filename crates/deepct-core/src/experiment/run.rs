@@ -134,7 +134,7 @@ impl Bench<'_> {
         watch: &dyn Watch,
     ) -> Result<Option<Outcome>> {
         let began = Instant::now();
-        let reconstruction = self.reconstruct(method, work, watch)?;
+        let (reconstruction, expected_relative_error) = self.reconstruct(method, work, watch)?;
         let seconds = work.carving + began.elapsed().as_secs_f64();
         if reconstruction.ending == Ending::Interrupted {
             return Ok(None);
@@ -147,6 +147,7 @@ impl Bench<'_> {
             optical_depth: thickest(&work.truth),
             relative_error: metrics::relative_error(&work.truth, extinction)?,
             mass_error: metrics::mass_error(&work.truth, extinction)?,
+            expected_relative_error,
             seconds,
             steps: steps.saturating_sub(1),
             misfit,
@@ -167,12 +168,13 @@ impl Bench<'_> {
         Ok(Some(outcome))
     }
 
+    /// The reconstruction of a cloud, and the epsilon that the network expects of its own.
     fn reconstruct(
         &self,
         method: Method,
         work: &Work,
         watch: &dyn Watch,
-    ) -> Result<Reconstruction> {
+    ) -> Result<(Reconstruction, Option<f64>)> {
         let Work { truth, light, observation, mask, .. } = work;
         let problem = Problem { observation, mask, truth: Some(truth) };
         let nothing = Volume::constant(truth.grid, 0.0);
@@ -182,12 +184,14 @@ impl Bench<'_> {
             OrdinatesSettings::default(),
         );
         let settings = &self.settings.inversion;
-        match method {
+        let reconstruction = match method {
             Method::Network => {
-                let mut extinction = network_start(&self.network, observation)?.extinction;
+                let estimate = network_start(&self.network, observation)?;
+                let expected = estimate.expected_relative_error();
+                let mut extinction = estimate.extinction;
                 mask.apply(&mut extinction)?;
                 let (history, ending) = (Vec::new(), Ending::Iterations);
-                Ok(Reconstruction { extinction, history, ending })
+                return Ok((Reconstruction { extinction, history, ending }, expected));
             }
             Method::Physics => {
                 let start = Start::Constant(self.settings.start);
@@ -199,7 +203,8 @@ impl Bench<'_> {
                 let quick = InversionSettings { iterations, ..settings.clone() };
                 hybrid(&problem, &self.network, &mut models.quick(), &quick, watch)
             }
-        }
+        };
+        Ok((reconstruction?, None))
     }
 }
 

@@ -177,6 +177,13 @@ impl<'a> Run<'a> {
         Ok((volume, search))
     }
 
+    /// How far off the start is expected to be, where that is told and asked for. The most
+    /// likely cloud is looked for then, not the first that the noise allows.
+    fn uncertainty(&self) -> Option<&'a Volume> {
+        let told = self.expected.and_then(|start| start.uncertainty.as_ref());
+        told.filter(|_| self.settings.start_error > 0.0)
+    }
+
     /// The sides of the blocks, from coarse to fine.
     fn blocks(&self, start: &Start) -> Vec<usize> {
         let coarse = match start {
@@ -201,8 +208,7 @@ impl<'a> Run<'a> {
         let Level { block, grid, shares } = level;
         let variables = Variables::new(*grid, shares, self.settings);
         let mut prior = Prior::new(grid, shares, *block, self.settings.typical_gradient);
-        let uncertainty = self.expected.and_then(|start| start.uncertainty.as_ref());
-        if let Some(uncertainty) = uncertainty.filter(|_| self.settings.start_error > 0.0) {
+        if let Some(uncertainty) = self.uncertainty() {
             let errors = means(uncertainty, self.mask, *block)?
                 .values
                 .mapv(|value| self.settings.start_error * f64::from(value).max(LEAST_UNCERTAINTY));
@@ -270,7 +276,7 @@ impl<'a> Run<'a> {
         if self.watch.interrupted() {
             return Some(Ending::Interrupted);
         }
-        if last.misfit <= self.settings.misfit {
+        if last.misfit <= self.settings.misfit && self.uncertainty().is_none() {
             return Some(Ending::Noise);
         }
         if iteration >= most {

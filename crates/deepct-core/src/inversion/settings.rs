@@ -47,7 +47,7 @@ pub struct InversionSettings {
     pub start_error: f64,
     /// Stop when the misfit, the mean square of the residuals over their standard error,
     /// is no greater than this (discrepancy principle of Morozov 1966: 1). 0 leaves this
-    /// out.
+    /// out, as does a start that tells its uncertainty: its most likely change is looked for.
     pub misfit: f64,
     /// Stop when the last five steps lowered the value by less than this share of it.
     pub change: f64,
