@@ -183,7 +183,11 @@ impl WeightsMetadata {
             ("number of channels of the images", channels[0], self.input_channels()),
             ("length of view_geometry.view_azimuth_deg", views, geometry.view_azimuth_deg.len()),
             ("length of view_geometry.pixel_km", views, geometry.pixel_km.len()),
-            ("levels.count by the number of outputs", levels, self.outputs.len() * self.levels.count),
+            (
+                "levels.count by the number of outputs",
+                levels,
+                self.outputs.len() * self.levels.count,
+            ),
         ] {
             if expected != found {
                 let remedy = "make the metadata fit the first and last of architecture.channels";
