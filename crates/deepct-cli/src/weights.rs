@@ -3,7 +3,7 @@
 use crate::Outcome;
 use deepct_core::Result;
 use deepct_core::io::load_weights;
-use deepct_core::network::{ImageLayout, Planes, WeightsMetadata, receptive_field};
+use deepct_core::network::{ImageLayout, NetworkOutput, Planes, WeightsMetadata, receptive_field};
 use std::path::PathBuf;
 
 /// Look into weights of the network
@@ -54,6 +54,15 @@ pub(crate) fn run(args: &Args) -> Result<Outcome> {
     Ok(Outcome::Success)
 }
 
+/// What the network tells of each voxel, in words.
+fn outputs(metadata: &WeightsMetadata) -> String {
+    let words = metadata.outputs.iter().map(|output| match output {
+        NetworkOutput::Extinction => "extinction",
+        NetworkOutput::Uncertainty => "its uncertainty",
+    });
+    words.collect::<Vec<_>>().join(" and ")
+}
+
 fn print_report(report: &Report<'_>) {
     let WeightsMetadata { formation, view_geometry, levels, training, .. } = report.metadata;
     let metadata = report.metadata;
@@ -78,7 +87,7 @@ fn print_report(report: &Report<'_>) {
     println!("channels         {}", runs(&metadata.architecture.channels));
     println!("receptive field  {0} x {0} pixels", report.receptive_field);
     println!("input            radiance (sr-1) x {}", metadata.input_scale);
-    println!("output           extinction (km-1) / {}", metadata.output_scale);
+    println!("output           {} (km-1) / {}", outputs(metadata), metadata.output_scale);
     println!("trained on       {}, {} samples", training.data, training.samples);
     println!("data identity    {}", training.identity);
     println!("written by       {}", metadata.program);

@@ -136,6 +136,8 @@ fn an_uncertainty_is_written_beside_the_extinction() {
     assert!(text.contains(&format!("epsilon  {share:.3} expected")), "{text}");
 
     program.succeed("infer N.nc --weights U.safetensors --carve --out carved.nc");
+    let text = program.succeed("weights inspect U.safetensors");
+    assert!(text.contains("output           extinction and its uncertainty (km-1) / 20"), "{text}");
     program.succeed("carve N.nc --grid carved.nc --out C.nc");
     let mask = read_mask(program.path("C.nc")).unwrap();
     let carved = read_estimate(program.path("carved.nc")).unwrap().uncertainty.unwrap();
