@@ -3,7 +3,10 @@
 //!
 //! `cargo run --release -p deepct-core --example large_field -- [WEIGHTS] [ROWS COLS]`
 
+mod process_memory;
+
 use deepct_core::network::{Network, Scratch};
+use process_memory::{restart_peak, status};
 use std::path::PathBuf;
 use std::time::Instant;
 
@@ -56,7 +59,7 @@ fn main() -> Result<(), AnyError> {
     // The peak is counted from here on, where images and extinction are in memory already.
     let mut large = Field::new(&network, size)?;
     let before = status("VmRSS:");
-    let counted = std::fs::write("/proc/self/clear_refs", "5").is_ok();
+    let counted = restart_peak();
     large.run(1)?;
     for turn in 0..TURNS {
         let rates = [small.run(16)?, large.run(1)?];
@@ -71,14 +74,7 @@ fn main() -> Result<(), AnyError> {
     }
     println!("scratch {} MiB", large.scratch.bytes() >> 20);
     if counted && let (Some(before), Some(peak)) = (before, status("VmHWM:")) {
-        println!("peak beyond images and extinction {} MiB", (peak - before) >> 10);
+        println!("peak beyond images and extinction {} MiB", (peak - before) >> 20);
     }
     Ok(())
-}
-
-/// A line of what Linux tells of this process, in KiB.
-fn status(name: &str) -> Option<usize> {
-    let text = std::fs::read_to_string("/proc/self/status").ok()?;
-    let line = text.lines().find_map(|line| line.strip_prefix(name))?;
-    line.split_whitespace().next()?.parse().ok()
 }

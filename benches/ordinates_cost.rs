@@ -5,6 +5,8 @@
 //! - seconds and peak memory for fields of clouds of SIDE x SIDE columns (64, 128, 256);
 //! - reflectances of layers by the optical depth of a cell.
 
+mod process_memory;
+
 use deepct_core::cloud::{CumulusSettings, cumulus};
 use deepct_core::grid::{Grid, Volume};
 use deepct_core::image::ViewStack;
@@ -13,6 +15,7 @@ use deepct_core::optics::{Medium, PhaseFunction, extinction};
 use deepct_core::scene::{Boundary, Scene, Sun, Surface, View};
 use deepct_core::transport::{OrdinatesModel, OrdinatesSettings};
 use ndarray::Array3;
+use process_memory::{restart_peak, status};
 use std::f64::consts::PI;
 use std::time::Instant;
 
@@ -94,12 +97,13 @@ fn field(side: usize) -> Result<(), AnyError> {
     let scene = scene(extinction.clone(), 0.85, 30.0)?.with_boundary(Boundary::Periodic);
     let views = views(&grid, 1, side)?;
     // The peak is counted from here on.
-    let counted = std::fs::write("/proc/self/clear_refs", "5").is_ok();
+    let counted = restart_peak();
     let start = Instant::now();
     let mut model = OrdinatesModel::new(&scene, &views, None, &OrdinatesSettings::default())?;
     model.images(&extinction)?;
     let seconds = start.elapsed().as_secs_f64();
-    let bytes = if counted { status("VmHWM:") } else { f64::NAN };
+    let peak = if counted { status("VmHWM:") } else { None };
+    let bytes = peak.map_or(f64::NAN, |bytes| bytes as f64);
     let voxels = grid.len() as f64;
     println!(
         "{:>7} {:9} {with_cloud:11} {:7} {seconds:8.2} {:9.2} {:5.2} {:12.0}",
@@ -111,13 +115,6 @@ fn field(side: usize) -> Result<(), AnyError> {
         bytes / voxels,
     );
     Ok(())
-}
-
-/// A line of what Linux tells about this process, in bytes.
-fn status(line: &str) -> f64 {
-    let text = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
-    let value = text.lines().find_map(|found| found.strip_prefix(line)?.split_whitespace().next());
-    value.and_then(|value| value.parse::<f64>().ok()).map_or(f64::NAN, |kib| 1024.0 * kib)
 }
 
 /// Asymmetry, optical depth, zenith angle of the Sun (degrees), reflectance without

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
 import tempfile
 from pathlib import Path
 
@@ -12,7 +11,7 @@ import torch
 from torch import Tensor
 
 from weights_tools.dataset import Dataset
-from weights_tools.errors import InputError
+from weights_tools.program import run_program
 from weights_tools.sensor import Sensor
 from weights_tools.training import scores, validation_images
 
@@ -56,14 +55,7 @@ def carved_masks(data: Dataset, images: Tensor, deepct: str) -> Tensor:
         for path, radiance in zip(data.files("validation"), images):
             _copy_views(path, noisy, data.views, radiance.numpy())
             command = [deepct, "carve", str(noisy), "--grid", str(path), "--out", str(carved)]
-            try:
-                result = subprocess.run(command, capture_output=True, text=True, check=False)
-            except OSError as problem:
-                remedy = "build it with `cargo build --release` and name it with --deepct"
-                raise InputError(deepct, problem.strerror or "cannot be run", remedy) from None
-            if result.returncode != 0:
-                problem = f"carve failed on {path}: {result.stderr.strip()}"
-                raise InputError(deepct, problem, "see its message")
+            run_program(command, f" on {path}")
             with h5py.File(carved, "r") as file:
                 masks.append(torch.from_numpy(file["mask"][...].astype(np.float32)))
     return torch.stack(masks)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import copy
 import json
 import math
-import subprocess
 import tempfile
 from functools import partial
 from pathlib import Path
@@ -19,6 +18,7 @@ from safetensors import SafetensorError, safe_open
 from weights_tools.errors import InputError
 from weights_tools.export import GET_ONNX, is_onnx, load_network, onnx_graph
 from weights_tools.model import Network
+from weights_tools.program import run_program
 
 SAME = 1e-5
 """Largest error over largest value that still counts as the same answer."""
@@ -179,13 +179,7 @@ def _infer(
         write_images(images, radiance, metadata)
         command = [deepct, "infer", str(images), "--weights", str(weights), "--out", str(volume)]
         command += ["--set", f"convolution.algorithm={algorithm}"]
-        try:
-            result = subprocess.run(command, capture_output=True, text=True, check=False)
-        except OSError as problem:
-            remedy = "build it with `cargo build --release` and name it with --deepct"
-            raise InputError(deepct, problem.strerror or "cannot be run", remedy) from None
-        if result.returncode != 0:
-            raise InputError(deepct, f"infer failed: {result.stderr.strip()}", "see its message")
+        run_program(command)
         with h5py.File(volume, "r") as file:
             outputs = metadata.get("outputs", ["extinction"])
             return np.concatenate([file[name][...] for name in outputs])

@@ -22,6 +22,7 @@ from distributed import Client, LocalCluster, as_completed
 from distributed.scheduler import KilledWorker
 
 from weights_tools.errors import InputError
+from weights_tools.program import GET_PROGRAM
 
 RETRIES = 2
 """How often a share is tried again, on whatever worker is free."""
@@ -148,9 +149,8 @@ def _result(
         remedy = "give the workers more memory, or fewer threads each"
         raise InputError("cluster", f"workers died: {problem}", remedy) from None
     except OSError as problem:
-        remedy = "build it with `cargo build --release` and name it with --deepct"
         where = problem.filename or "deepct"
-        raise InputError(where, problem.strerror or "cannot be run", remedy) from None
+        raise InputError(where, problem.strerror or "cannot be run", GET_PROGRAM) from None
 
 
 def _samples(folder: Path) -> int:

@@ -73,7 +73,7 @@ pub(super) fn cases(settings: &ExperimentSettings) -> Result<Vec<Case>> {
 }
 
 impl Case {
-    /// The cloud with its extinction and the noisy images by the views of the weights; made once and
+    /// The cloud with its extinction and the noisy images by the views of the weights, made once and
     /// kept in `path`.
     pub(super) fn open(
         &self,

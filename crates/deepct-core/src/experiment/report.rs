@@ -11,7 +11,7 @@ use std::path::Path;
 /// between the two, above the second.
 const OPTICAL_DEPTHS: [f64; 2] = [10.0, 30.0];
 
-/// What the paper reached, for its own clouds (Sde-Chen et al. 2021, tables 1 and 2).
+/// What the paper reached, for its own clouds (Sde-Chen et al. 2021).
 const PAPER: &str =
     "In the paper (other clouds, noise alike), the network has ε 86 ± 10 % and δ 44 ± 16 % with 10
 views, 82 ± 10 % and 32 ± 16 % with 32; physics takes about an hour for a cloud on 20 cores.\n";
@@ -129,7 +129,7 @@ fn text(settings: &ExperimentSettings, outcomes: &[Outcome]) -> String {
     if expected.len() > 1 {
         let (told, found): (Vec<f64>, Vec<f64>) = expected.iter().copied().unzip();
         line(format!(
-            "The network itself expected an ε of {:.1} % in the mean; over the clouds, what it \
+            "Before the carving, the network expected an ε of {:.1} % in the mean; over the clouds, what it \
              expected and what came have a correlation of {:.2}.\n",
             mean_and_spread(&told).0,
             correlation(&told, &found)
