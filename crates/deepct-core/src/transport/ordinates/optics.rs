@@ -7,7 +7,7 @@
 use super::lattice::{Lattice, index};
 use super::quadrature::{Quadrature, degrees, degrees_of};
 use crate::grid::Grid;
-use crate::optics::Scattering;
+use crate::optics::{Scattering, VoxelMoments};
 
 /// Optics by slot; a single row of a uniform medium serves all.
 #[derive(Debug)]
@@ -33,14 +33,14 @@ impl Optics {
         };
         let (harmonics, count) = (quadrature.harmonics, quadrature.degrees);
         let (mut scattered, mut kept) = (Vec::new(), Vec::new());
+        let of_voxels = VoxelMoments::new(scattering, count + 1);
         for row in 0..rows {
             let corners = lattice.voxels_of(row);
             let mut moments = vec![0.0; count + 1];
             for voxel in corners {
-                let collision = scattering.at(index(voxels, *voxel as usize));
-                let weight = 1.0 / corners.len() as f64 * collision.single_scattering_albedo;
-                for (sum, moment) in moments.iter_mut().zip(collision.legendre_moments(count + 1)) {
-                    *sum += weight * moment;
+                let here = of_voxels.at(index(voxels, *voxel as usize));
+                for (sum, moment) in moments.iter_mut().zip(here) {
+                    *sum += moment / corners.len() as f64;
                 }
             }
             let peak = moments[count];
