@@ -40,7 +40,7 @@ impl SurfacePoints {
 
     /// The four points around a place, and their weights; no weight beyond the lattice.
     #[inline]
-    fn around(&self, place: DVec3) -> [(usize, f64); 4] {
+    pub(super) fn around(&self, place: DVec3) -> [(usize, f64); 4] {
         let along = |axis: usize, count: usize| {
             let x = (place[axis] - self.origin[axis]) / self.spacing[axis];
             let (first, part) = (x.floor(), x - x.floor());

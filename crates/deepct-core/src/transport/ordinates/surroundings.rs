@@ -34,6 +34,9 @@ pub(super) struct Surroundings {
     /// Where the cloud's shadow is looked at, and where its light is.
     shadow: SurfacePoints,
     lit: SurfacePoints,
+    /// By octant that light rises in, [`rising`]: where each face's light comes from, in the order
+    /// of [`each_face`].
+    feet: [Vec<Foot>; 4],
     /// Irradiance of the surface by the air, that the cells leave to be subtracted.
     unclouded: Vec<f32>,
 }
@@ -83,8 +86,16 @@ impl Surroundings {
             sun,
             shadow: shadow_points(lattice, sun, surface.altitude),
             lit: lit_points(lattice, surface.altitude),
+            feet: Default::default(),
             unclouded: Vec::new(),
         };
+        if surroundings.lit_points() > 0 {
+            for octant in &quadrature.octants {
+                if let Some(number) = rising(octant) {
+                    surroundings.feet[number] = surroundings.feet(lattice, octant);
+                }
+            }
+        }
         surroundings.unclouded = surroundings.unclouded(lattice, quadrature);
         surroundings
     }
@@ -233,14 +244,13 @@ impl Surroundings {
         irradiance: &[f32],
         faces: &mut Faces,
     ) {
-        if irradiance.is_empty() || octant.signs[2] < 0.0 {
-            return;
-        }
-        each_face(lattice, octant, |place, ray| {
-            let (foot, passed) = self.foot(&ray);
-            let reflected = self.surface.albedo / PI * passed;
-            let light = reflected * self.lit.interpolate(irradiance, foot);
-            *place.mean(faces, octant) += light as f32;
+        let Some(number) = rising(octant).filter(|_| !irradiance.is_empty()) else { return };
+        let mut feet = self.feet[number].iter();
+        each_face(lattice, octant, |place, _| {
+            let foot = feet.next().expect("a foot for each face and ordinate");
+            let irradiance: f32 =
+                foot.points.iter().zip(foot.shares).map(|(i, w)| w * irradiance[*i as usize]).sum();
+            *place.mean(faces, octant) += (self.surface.albedo / PI) as f32 * irradiance;
         });
     }
 
@@ -253,18 +263,19 @@ impl Surroundings {
         leaving: &mut Faces,
         irradiance: &mut [f64],
     ) {
-        if irradiance.is_empty() || opposite.signs[2] < 0.0 {
-            return;
-        }
+        let Some(number) = rising(opposite).filter(|_| !irradiance.is_empty()) else { return };
         let spacing = lattice.grid.spacing;
         let volume = spacing.x * spacing.y * spacing.z;
-        each_face(lattice, opposite, |place, ray| {
+        let mut feet = self.feet[number].iter();
+        each_face(lattice, opposite, |place, _| {
             let FacePlace { axis, ordinate, .. } = place;
-            let (foot, passed) = self.foot(&ray);
+            let foot = feet.next().expect("a foot for each face and ordinate");
             let cosine = f64::from(opposite.cosines[axis][ordinate]);
             let section = cosine * volume / spacing[axis] / self.lit.area();
             let radiance = f64::from(*place.mean(leaving, opposite) * opposite.weights[ordinate]);
-            self.lit.spread(irradiance, foot, section * passed * radiance);
+            for (point, share) in foot.points.iter().zip(foot.shares) {
+                irradiance[*point as usize] += section * radiance * f64::from(share);
+            }
         });
     }
 
@@ -303,12 +314,34 @@ impl Surroundings {
         sum.into_iter().map(|value| value as f32).collect()
     }
 
-    /// Where a ray meets the surface, and how much of its light passes the air before.
-    #[inline]
-    fn foot(&self, ray: &Ray) -> (DVec3, f64) {
-        let distance = (self.surface.altitude - ray.origin.z) / ray.direction.z;
-        (ray.at(distance), self.sky.transmittance(ray, 0.0, distance))
+    /// Where the light that comes in through each face in an octant is from.
+    fn feet(&self, lattice: &Lattice, octant: &Octant) -> Vec<Foot> {
+        let mut feet = Vec::new();
+        each_face(lattice, octant, |_, ray| {
+            let distance = (self.surface.altitude - ray.origin.z) / ray.direction.z;
+            let passed = self.sky.transmittance(&ray, 0.0, distance);
+            let around = self.lit.around(ray.at(distance));
+            feet.push(Foot {
+                points: around.map(|(point, _)| point as u32),
+                shares: around.map(|(_, weight)| (weight * passed) as f32),
+            });
+        });
+        feet
     }
+}
+
+/// The points of the surface around the place that a ray comes from, and the share of the light of
+/// each that arrives through the air.
+#[derive(Debug, Clone, Copy)]
+struct Foot {
+    points: [u32; 4],
+    shares: [f32; 4],
+}
+
+/// The number of an octant among the four in which light rises.
+fn rising(octant: &Octant) -> Option<usize> {
+    let [east, north, up] = octant.signs.map(|sign| sign > 0.0);
+    up.then_some(usize::from(east) + 2 * usize::from(north))
 }
 
 /// A face of the grid, and a direction.
