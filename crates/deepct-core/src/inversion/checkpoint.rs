@@ -10,8 +10,8 @@ pub struct Checkpoint {
     pub block: usize,
     /// Steps taken on that grid.
     pub iteration: usize,
-    /// The unit of each variable.
-    pub scale: Vec<f64>,
+    /// The point where the second derivatives were looked for.
+    pub probed_at: Vec<f64>,
     /// The point of the optimiser.
     pub point: Point,
     /// The steps that the optimiser remembers, the oldest first.

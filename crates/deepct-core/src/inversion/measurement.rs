@@ -124,6 +124,16 @@ impl Measurement {
         )
     }
 
+    /// The pixels that count, each with `1 / standard error / sqrt(number of pixels)`: the
+    /// squares of such residuals sum to the misfit.
+    pub(super) fn weights(&self) -> impl Iterator<Item = ([usize; 3], f64)> {
+        let root = (self.pixels() as f64).sqrt();
+        let counted = self.standard_error.indexed_iter().filter(|(_, error)| error.is_finite());
+        counted.map(move |((view, row, col), error)| {
+            ([view, row, col], 1.0 / (f64::from(*error) * root))
+        })
+    }
+
     /// The weights `sign / standard error / sqrt(number of pixels)`: with random signs,
     /// the squares of the derivatives of such a sum have the diagonal of the Gauss-Newton
     /// matrix of half the misfit as their mean.

@@ -10,11 +10,13 @@
 //! `F` that gives images and the derivatives of a weighted sum of them
 //! ([`ForwardModel`]). From a start that is the same everywhere it first solves for blocks
 //! of voxels, on grids so coarse that a step costs next to nothing. The optimiser is a
-//! bounded quasi-Newton method ([`Minimiser`]); each variable has a unit by its
-//! sensitivity.
+//! bounded quasi-Newton method ([`Minimiser`]), around the prior's second derivatives and an
+//! estimate of the misfit's.
 
 mod blocks;
 mod checkpoint;
+mod conjugate_gradient;
+mod curvature;
 mod hybrid;
 mod measurement;
 mod objective;

@@ -1,5 +1,7 @@
 //! What is minimised: half the misfit plus the prior, by pixel.
 
+use super::conjugate_gradient;
+use super::curvature::Curvature;
 use super::optimiser::Function;
 use super::prior::Prior;
 use super::variables::Variables;
@@ -8,10 +10,7 @@ use crate::error::Result;
 use crate::grid::Volume;
 use crate::image::ViewStack;
 use crate::rng::{Purpose, RngExt, stream};
-
-/// Sensitivities below this share of their mean count as this, squared: a voxel that no
-/// pixel sees well is not thrown about.
-const LEAST_SENSITIVITY: f64 = 0.1;
+use crate::scene::View;
 
 /// The objective on one grid.
 pub(super) struct Objective<'a> {
@@ -19,6 +18,8 @@ pub(super) struct Objective<'a> {
     pub(super) measurement: &'a Measurement,
     pub(super) variables: Variables,
     pub(super) prior: Prior,
+    /// The point where the misfit's second derivatives were looked for, and about what they are.
+    probed: (Vec<f64>, Option<Curvature>),
     /// Extinction of the cloudy parts that the prior expects (1/km).
     expected: Vec<f64>,
     /// The point of the last value, with the model's images there.
@@ -35,7 +36,16 @@ impl<'a> Objective<'a> {
         prior: Prior,
     ) -> Self {
         let expected = vec![0.0; variables.len()];
-        Self { model, measurement, variables, prior, expected, last: None, misfit: f64::INFINITY }
+        Self {
+            model,
+            measurement,
+            variables,
+            prior,
+            probed: (Vec::new(), None),
+            expected,
+            last: None,
+            misfit: f64::INFINITY,
+        }
     }
 
     /// Expect an extinction of the cloudy parts: the prior is then about what differs.
@@ -54,6 +64,11 @@ impl<'a> Objective<'a> {
         self.misfit
     }
 
+    /// Where [`Objective::probe`] was.
+    pub(super) fn probed_at(&self) -> &[f64] {
+        &self.probed.0
+    }
+
     /// How far the images at `x` are from those that were measured, whatever their
     /// standard errors.
     pub(super) fn difference(&mut self, x: &[f64]) -> Result<f64> {
@@ -61,13 +76,18 @@ impl<'a> Objective<'a> {
         self.measurement.difference(&images)
     }
 
-    /// Give each variable the unit in which the curvature of the objective at `x` is about
-    /// the same for all of them.
+    /// Find out what the second derivatives of the misfit at `x` are about.
     ///
     /// The diagonal of the Gauss-Newton matrix is estimated by random combinations of the
     /// pixels (Bekas, Kokiopoulou and Saad 2007), whose derivatives cost a gradient each,
     /// and smoothed over neighbours.
-    pub(super) fn precondition(&mut self, x: &[f64], settings: &InversionSettings) -> Result<()> {
+    pub(super) fn probe(
+        &mut self,
+        x: &[f64],
+        settings: &InversionSettings,
+        views: &[View],
+    ) -> Result<()> {
+        self.probed = (x.to_vec(), None);
         if settings.probes == 0 {
             return Ok(());
         }
@@ -81,25 +101,24 @@ impl<'a> Objective<'a> {
             let derivatives = self.variables.pull_back(x, &derivatives, &vec![0.0; count]);
             squares.iter_mut().zip(derivatives).for_each(|(sum, d)| *sum += d * d);
         }
+        squares.iter_mut().for_each(|square| *square /= settings.probes as f64);
         let field = self.variables.scatter(&squares);
         let counted = self.variables.scatter(&vec![1.0; count]).mapv(|one| one > 0.0);
-        let mut squares = self.variables.gather(&super::blocks::smooth(&field, &counted));
-        let pixels = self.measurement.pixels() as f64;
-        let prior = self.prior.diagonal(count);
-        for (square, prior) in squares.iter_mut().zip(prior) {
-            *square = *square / settings.probes as f64 + prior / pixels;
-        }
-        let mean = squares.iter().sum::<f64>() / count as f64;
-        let scale = squares.iter().map(|s| ((s / mean).max(LEAST_SENSITIVITY.powi(2))).powf(-0.5));
-        self.variables.set_scale(scale.collect());
-        self.last = None;
+        let diagonal = self.variables.gather(&super::blocks::smooth(&field, &counted));
+        let extinction = self.variables.extinction(x)?;
+        let (measurement, variables) = (self.measurement, &self.variables);
+        let curvature = Curvature::new(measurement, views, &extinction, variables, diagonal);
+        self.probed.1 = Some(curvature);
         Ok(())
     }
 }
 
 impl Function for Objective<'_> {
     fn value(&mut self, x: &[f64]) -> Result<f64> {
-        let images = self.model.images(&self.variables.extinction(x)?)?;
+        let images = match self.last.take() {
+            Some((last, images)) if last == x => images,
+            _ => self.model.images(&self.variables.extinction(x)?)?,
+        };
         let misfit = self.measurement.misfit(&images)?;
         let prior = self.prior.value(&self.unexpected(x));
         self.last = Some((x.to_vec(), images));
@@ -114,5 +133,26 @@ impl Function for Objective<'_> {
         let mut prior = self.prior.gradient(&self.unexpected(x));
         prior.iter_mut().for_each(|derivative| *derivative /= pixels);
         Ok(self.variables.pull_back(x, &derivatives, &prior))
+    }
+    fn preconditioned(&self, x: &[f64], vector: Vec<f64>, free: &[bool]) -> Vec<f64> {
+        let Some(curvature) = &self.probed.1 else { return vector };
+        let slopes = self.variables.slopes(x);
+        let pixels = self.measurement.pixels() as f64;
+        let product = |change: &[f64]| -> Vec<f64> {
+            let extinction: Vec<f64> = change.iter().zip(&slopes).map(|(c, s)| c * s).collect();
+            // The prior is quadratic: its gradient is its second derivatives times a change.
+            let prior = self.prior.gradient(&extinction);
+            let mut product = curvature.times(change);
+            for (i, product) in product.iter_mut().enumerate() {
+                *product = if free[i] { *product + slopes[i] * prior[i] / pixels } else { 0.0 };
+            }
+            product
+        };
+        let mut diagonal = curvature.diagonal();
+        let prior = self.prior.diagonal(x.len());
+        for ((diagonal, prior), slope) in diagonal.iter_mut().zip(prior).zip(&slopes) {
+            *diagonal += slope * slope * prior / pixels;
+        }
+        conjugate_gradient::solve(product, &diagonal, vector)
     }
 }

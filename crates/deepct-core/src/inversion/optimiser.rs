@@ -4,7 +4,8 @@
 //! A variable is free unless it stands at a bound and the gradient pushes it outwards
 //! (Bertsekas 1982, "Projected Newton methods for optimization problems with simple
 //! constraints"). On the free ones the direction is that of the two-loop recursion
-//! (Nocedal 1980) over the last steps, each restricted to them. The step is projected onto
+//! (Nocedal 1980) over the last steps, each restricted to them, around what the function
+//! itself knows of its second derivatives ([`Function::preconditioned`]). The step is projected onto
 //! the bounds and accepted when it decreases the value enough (Armijo) and the slope along
 //! it has flattened (weak Wolfe): values may cost seconds, so that the first try is taken
 //! where it can be.
@@ -26,6 +27,13 @@ pub trait Function {
     /// # Errors
     /// Those of the function.
     fn gradient(&mut self) -> Result<Vec<f64>>;
+
+    /// The inverse of what the second derivatives at `x` are thought to be, but for a factor,
+    /// times a vector, among the variables that are free; the vector is 0 at all others. A
+    /// function that knows nothing gives the vector back.
+    fn preconditioned(&self, _x: &[f64], vector: Vec<f64>, _free: &[bool]) -> Vec<f64> {
+        vector
+    }
 }
 
 /// The lowest and the highest value of each variable; may be infinite.
@@ -165,20 +173,16 @@ impl Minimiser {
     /// Those of the function.
     pub fn step(&mut self, function: &mut dyn Function) -> Result<Step> {
         let free = self.free();
-        let guided = self.direction(&free).filter(|d| self.descends(d));
+        let guided = self.direction(function, &free).filter(|d| self.descends(d));
         if let Some(direction) = guided {
             if self.search(function, &direction, 1.0)? == Step::Taken {
                 return Ok(Step::Taken);
             }
             self.pairs.clear();
         }
-        let downhill: Vec<f64> = self
-            .point
-            .gradient
-            .iter()
-            .zip(&free)
-            .map(|(g, &free)| if free { -g } else { 0.0 })
-            .collect();
+        let mut downhill =
+            function.preconditioned(&self.point.x, restricted(&self.point.gradient, &free), &free);
+        downhill.iter_mut().for_each(|d| *d = -*d);
         let steepest = downhill.iter().fold(0.0_f64, |largest, d| largest.max(d.abs()));
         if steepest == 0.0 {
             return Ok(Step::NoDescent);
@@ -206,13 +210,10 @@ impl Minimiser {
     }
 
     /// The two-loop recursion on the free variables; `None` where no pair has a say.
-    fn direction(&self, free: &[bool]) -> Option<Vec<f64>> {
-        let restricted = |vector: &[f64]| -> Vec<f64> {
-            vector.iter().zip(free).map(|(v, &free)| if free { *v } else { 0.0 }).collect()
-        };
+    fn direction(&self, function: &dyn Function, free: &[bool]) -> Option<Vec<f64>> {
         let mut pairs = Vec::new();
         for pair in self.pairs.iter().rev() {
-            let (step, change) = (restricted(&pair.step), restricted(&pair.change));
+            let (step, change) = (restricted(&pair.step, free), restricted(&pair.change, free));
             let curvature = dot(&step, &change);
             let sizes = (dot(&step, &step) * dot(&change, &change)).sqrt();
             if curvature > LEAST_COSINE * sizes {
@@ -220,14 +221,16 @@ impl Minimiser {
             }
         }
         let (_, change, curvature) = pairs.first()?;
-        let scale = curvature / dot(change, change);
-        let mut direction = restricted(&self.point.gradient);
+        let preconditioned = |vector| function.preconditioned(&self.point.x, vector, free);
+        let scale = curvature / dot(change, &preconditioned(change.clone()));
+        let mut direction = restricted(&self.point.gradient, free);
         let mut shares = Vec::new();
         for (step, change, curvature) in &pairs {
             let share = dot(step, &direction) / curvature;
             add(&mut direction, -share, change);
             shares.push(share);
         }
+        direction = preconditioned(direction);
         direction.iter_mut().for_each(|d| *d *= scale);
         for ((step, change, curvature), share) in pairs.iter().zip(shares).rev() {
             let correction = share - dot(change, &direction) / curvature;
@@ -300,6 +303,11 @@ impl Minimiser {
             }
         }
     }
+}
+
+/// A vector with 0 where variables are not free.
+fn restricted(vector: &[f64], free: &[bool]) -> Vec<f64> {
+    vector.iter().zip(free).map(|(v, &free)| if free { *v } else { 0.0 }).collect()
 }
 
 fn dot(a: &[f64], b: &[f64]) -> f64 {
@@ -384,6 +392,44 @@ mod tests {
             }
             assert!(minimiser.values() <= 2 * values, "{} values, {values}", minimiser.values());
         }
+    }
+
+    /// A bowl a million times steeper one way than the other, whose second derivatives are known.
+    struct Bowl {
+        x: Vec<f64>,
+        known: bool,
+    }
+
+    impl Function for Bowl {
+        fn value(&mut self, x: &[f64]) -> Result<f64> {
+            self.x = x.to_vec();
+            Ok(x.iter().enumerate().map(|(i, x)| 0.5 * 10_f64.powi(i as i32) * x * x).sum())
+        }
+
+        fn gradient(&mut self) -> Result<Vec<f64>> {
+            Ok(self.x.iter().enumerate().map(|(i, x)| 10_f64.powi(i as i32) * x).collect())
+        }
+
+        fn preconditioned(&self, _x: &[f64], vector: Vec<f64>, _free: &[bool]) -> Vec<f64> {
+            let steepness = |i: usize| if self.known { 3.0 * 10_f64.powi(i as i32) } else { 1.0 };
+            vector.iter().enumerate().map(|(i, value)| value / steepness(i)).collect()
+        }
+    }
+
+    #[test]
+    fn what_is_known_of_a_function_leads_straight_down() {
+        let reached = |known: bool, steps: usize| {
+            let mut bowl = Bowl { x: Vec::new(), known };
+            let bounds = Bounds { lower: vec![-9.0; 7], upper: vec![9.0; 7] };
+            let settings = MinimiserSettings::default();
+            let mut minimiser = Minimiser::start(&mut bowl, &[1.0; 7], bounds, settings).unwrap();
+            for _ in 0..steps {
+                minimiser.step(&mut bowl).unwrap();
+            }
+            minimiser.point().value
+        };
+        assert!(reached(true, 2) < 1e-12, "{}", reached(true, 2));
+        assert!(reached(false, 8) > 1e-2, "{}", reached(false, 8));
     }
 
     #[test]

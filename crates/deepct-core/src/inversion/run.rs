@@ -14,6 +14,7 @@ use crate::error::{Error, Result};
 use crate::grid::{Grid, Mask, Volume};
 use crate::metrics;
 use crate::network::Estimate;
+use crate::scene::View;
 use ndarray::Array3;
 use std::time::Instant;
 
@@ -103,6 +104,7 @@ enum Beginning<'a> {
 
 /// What all grids of an inversion have in common.
 struct Run<'a> {
+    views: &'a [View],
     mask: &'a Mask,
     truth: Option<&'a Volume>,
     settings: &'a InversionSettings,
@@ -149,6 +151,7 @@ impl<'a> Run<'a> {
         };
         let (history, began) = (Vec::new(), Instant::now());
         Ok(Self {
+            views: &observation.views,
             mask,
             truth,
             settings,
@@ -227,9 +230,7 @@ impl<'a> Run<'a> {
                 let cloudy = means(extinction, self.mask, *block)?;
                 (self.begin(&mut objective, cloudy, search)?, 0)
             }
-            Beginning::Checkpoint(checkpoint) => {
-                restore(&mut objective, checkpoint, self.settings)?
-            }
+            Beginning::Checkpoint(checkpoint) => self.restore(&mut objective, checkpoint)?,
         };
         if iteration == 0 {
             self.note(level, &objective, &minimiser, 0)?;
@@ -251,7 +252,7 @@ impl<'a> Run<'a> {
         Ok((self.answer(level, &objective, &minimiser)?, ending))
     }
 
-    /// Scale the start, find the units of the variables, and compute the first gradient.
+    /// Scale the start, probe the second derivatives, and compute the first gradient.
     fn begin(
         &self,
         objective: &mut Objective,
@@ -262,10 +263,30 @@ impl<'a> Run<'a> {
             scale(objective, &mut cloudy)?;
         }
         let x = objective.variables.of(&cloudy);
-        objective.precondition(&x, self.settings)?;
-        let x = objective.variables.of(&cloudy);
+        objective.probe(&x, self.settings, self.views)?;
         let bounds = objective.variables.bounds();
         Minimiser::start(objective, &x, bounds, minimiser_settings(self.settings))
+    }
+
+    /// A minimisation that goes on where another run was, and the number of its steps.
+    fn restore(
+        &self,
+        objective: &mut Objective,
+        checkpoint: Checkpoint,
+    ) -> Result<(Minimiser, usize)> {
+        let Checkpoint { probed_at, point, pairs, iteration, .. } = checkpoint;
+        let variables = objective.variables.len();
+        if probed_at.len() != variables || point.x.len() != variables {
+            return Err(Error::mismatch(
+                "number of variables in the checkpoint",
+                variables,
+                point.x.len(),
+                "go on with the images, grid and mask that the inversion was begun with",
+            ));
+        }
+        objective.probe(&probed_at, self.settings, self.views)?;
+        let bounds = objective.variables.bounds();
+        Ok((Minimiser::resume(point, pairs, bounds, minimiser_settings(self.settings)), iteration))
     }
 
     /// Whether the work on a grid is over.
@@ -315,7 +336,7 @@ impl<'a> Run<'a> {
         self.watch.keep(&Checkpoint {
             block: level.block,
             iteration,
-            scale: objective.variables.scale().to_vec(),
+            probed_at: objective.probed_at().to_vec(),
             point: minimiser.point().clone(),
             pairs: minimiser.pairs().cloned().collect(),
             history: self.history.clone(),
@@ -343,27 +364,6 @@ impl<'a> Run<'a> {
 
 fn minimiser_settings(settings: &InversionSettings) -> MinimiserSettings {
     MinimiserSettings { memory: settings.memory, ..Default::default() }
-}
-
-/// A minimisation that goes on where another run was, and the number of its steps.
-fn restore(
-    objective: &mut Objective,
-    checkpoint: Checkpoint,
-    settings: &InversionSettings,
-) -> Result<(Minimiser, usize)> {
-    let Checkpoint { scale, point, pairs, iteration, .. } = checkpoint;
-    let variables = objective.variables.len();
-    if scale.len() != variables || point.x.len() != variables {
-        return Err(Error::mismatch(
-            "number of variables in the checkpoint",
-            variables,
-            point.x.len(),
-            "go on with the images, grid and mask that the inversion was begun with",
-        ));
-    }
-    objective.variables.set_scale(scale);
-    let bounds = objective.variables.bounds();
-    Ok((Minimiser::resume(point, pairs, bounds, minimiser_settings(settings)), iteration))
 }
 
 fn check_grid(what: &str, expected: &Grid, found: &Grid) -> Result<()> {

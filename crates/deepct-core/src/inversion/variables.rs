@@ -7,14 +7,13 @@ use crate::grid::{Grid, Volume};
 use ndarray::Array3;
 
 /// The variables of one grid. The extinction of voxel `i` is
-/// `share[i] * T(scale[i] * x[i])` with the function `T` of [`Variable`]: in blocks that
+/// `share[i] * T(x[i])` with the function `T` of [`Variable`]: in blocks that
 /// are cloud in part `T` is the extinction of that part.
 #[derive(Debug, Clone)]
 pub(super) struct Variables {
     grid: Grid,
     voxels: Vec<[usize; 3]>,
     share: Vec<f64>,
-    scale: Vec<f64>,
     kind: Variable,
     softness: f64,
     greatest: f64,
@@ -26,23 +25,12 @@ impl Variables {
         let inside = shares.indexed_iter().filter(|(_, share)| **share > 0.0);
         let (voxels, share): (Vec<_>, Vec<_>) =
             inside.map(|((k, j, i), &share)| ([k, j, i], share)).unzip();
-        let scale = vec![1.0; voxels.len()];
         let InversionSettings { variable: kind, softness, greatest, .. } = *settings;
-        Self { grid, voxels, share, scale, kind, softness, greatest }
+        Self { grid, voxels, share, kind, softness, greatest }
     }
 
     pub(super) fn len(&self) -> usize {
         self.voxels.len()
-    }
-
-    /// The unit of each variable.
-    pub(super) fn scale(&self) -> &[f64] {
-        &self.scale
-    }
-
-    /// Give each variable a unit.
-    pub(super) fn set_scale(&mut self, scale: Vec<f64>) {
-        self.scale = scale;
     }
 
     /// The numbers of a field at the voxels of the variables.
@@ -59,27 +47,30 @@ impl Variables {
         values
     }
 
+    /// The number of each voxel's variable.
+    pub(super) fn numbers(&self) -> Array3<Option<u32>> {
+        let mut numbers = Array3::from_elem(self.grid.shape, None);
+        for (number, voxel) in self.voxels.iter().enumerate() {
+            numbers[*voxel] = Some(number as u32);
+        }
+        numbers
+    }
+
     /// From nothing to the greatest extinction.
     pub(super) fn bounds(&self) -> Bounds {
         let greatest = self.inverse(self.greatest);
-        let upper = self.scale.iter().map(|scale| greatest / scale).collect();
-        Bounds { lower: vec![0.0; self.len()], upper }
+        Bounds { lower: vec![0.0; self.len()], upper: vec![greatest; self.len()] }
     }
 
     /// The variables of a cloudy part's extinction (1/km).
     pub(super) fn of(&self, cloudy: &Volume) -> Vec<f64> {
-        let numbers = self.voxels.iter().zip(&self.scale);
-        numbers
-            .map(|(voxel, scale)| {
-                let extinction = f64::from(cloudy.values[*voxel]);
-                self.inverse(extinction.clamp(0.0, self.greatest)) / scale
-            })
-            .collect()
+        let extinction = self.voxels.iter().map(|voxel| f64::from(cloudy.values[*voxel]));
+        extinction.map(|extinction| self.inverse(extinction.clamp(0.0, self.greatest))).collect()
     }
 
     /// The extinction of the cloudy part of each voxel (1/km), `T`.
     pub(super) fn cloudy(&self, x: &[f64]) -> Vec<f64> {
-        x.iter().zip(&self.scale).map(|(x, scale)| self.forward(scale * x)).collect()
+        x.iter().map(|x| self.forward(*x)).collect()
     }
 
     /// The extinction (1/km) as the model takes it.
@@ -98,9 +89,14 @@ impl Variables {
         (0..x.len())
             .map(|i| {
                 let outer = self.share[i] * f64::from(model.values[self.voxels[i]]) + cloudy[i];
-                outer * self.scale[i] * self.slope(self.scale[i] * x[i])
+                outer * self.slope(x[i])
             })
             .collect()
+    }
+
+    /// The derivative of each cloudy part's extinction by its variable.
+    pub(super) fn slopes(&self, x: &[f64]) -> Vec<f64> {
+        x.iter().map(|x| self.slope(*x)).collect()
     }
 
     fn forward(&self, u: f64) -> f64 {
@@ -134,9 +130,7 @@ mod tests {
         let grid = Grid::new(DVec3::ZERO, DVec3::ONE, [1, 2, 3]).unwrap();
         let shares = ndarray::array![[[0.5, 0.0, 1.0], [0.25, 0.0, 0.0]]];
         let settings = InversionSettings { variable: kind, ..Default::default() };
-        let mut variables = Variables::new(grid, &shares, &settings);
-        variables.set_scale(vec![0.5, 2.0, 1.0]);
-        variables
+        Variables::new(grid, &shares, &settings)
     }
 
     #[test]

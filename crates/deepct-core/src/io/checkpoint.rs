@@ -2,7 +2,8 @@
 //!
 //! | tensor | shape | |
 //! |---|---|---|
-//! | `scale`, `x`, `gradient` | `[variables]` | units of the variables, the point, the derivatives there |
+//! | `x`, `gradient` | `[variables]` | the point, the derivatives there |
+//! | `probed_at` | `[variables]` | the point where the second derivatives were looked for |
 //! | `steps`, `changes` | `[pairs, variables]` | what the optimiser remembers, the oldest first |
 
 use crate::error::{Error, Result};
@@ -39,7 +40,7 @@ pub fn write_checkpoint(
     identity: &str,
 ) -> Result<()> {
     let path = path.as_ref();
-    let Checkpoint { block, iteration, scale, point, pairs, history } = checkpoint;
+    let Checkpoint { block, iteration, probed_at, point, pairs, history } = checkpoint;
     let (block, iteration, value) = (*block, *iteration, point.value);
     let (identity, history) = (identity.to_owned(), history.clone());
     let header = Header { identity, block, iteration, value, history };
@@ -48,9 +49,9 @@ pub fn write_checkpoint(
         pairs.iter().flat_map(|pair| part(pair).iter().copied()).collect()
     };
     let (steps, changes) = (joined(|pair| &pair.step), joined(|pair| &pair.change));
-    let (one, all) = (vec![scale.len()], vec![pairs.len(), scale.len()]);
+    let (one, all) = (vec![probed_at.len()], vec![pairs.len(), probed_at.len()]);
     let tensors = [
-        ("scale", scale, &one),
+        ("probed_at", probed_at, &one),
         ("x", &point.x, &one),
         ("gradient", &point.gradient, &one),
         ("steps", &steps, &all),
@@ -97,9 +98,9 @@ pub fn read_checkpoint(path: impl AsRef<Path>, identity: &str) -> Result<Checkpo
         let numbers = tensor.data().chunks_exact(8);
         Ok(numbers.map(|b| f64::from_le_bytes(b.try_into().expect("eight bytes"))).collect())
     };
-    let (scale, x, gradient) = (read("scale")?, read("x")?, read("gradient")?);
+    let (probed_at, x, gradient) = (read("probed_at")?, read("x")?, read("gradient")?);
     let (steps, changes) = (read("steps")?, read("changes")?);
-    let count = scale.len();
+    let count = probed_at.len();
     if count == 0 || x.len() != count || gradient.len() != count || steps.len() != changes.len() {
         return Err(damaged("has tensors that do not fit each other".into()));
     }
@@ -108,7 +109,7 @@ pub fn read_checkpoint(path: impl AsRef<Path>, identity: &str) -> Result<Checkpo
     Ok(Checkpoint {
         block: header.block,
         iteration: header.iteration,
-        scale,
+        probed_at,
         point: Point { x, value: header.value, gradient },
         pairs: pairs.collect(),
         history: header.history,
@@ -134,7 +135,7 @@ mod tests {
         Checkpoint {
             block: 2,
             iteration: 3,
-            scale: vec![1.0, 0.3],
+            probed_at: vec![1.0, 0.3],
             point: Point { x: vec![0.7, 1e-17], value: 3.5, gradient: vec![-1.0, 1.0 / 3.0] },
             pairs: vec![pair(1.0), pair(1.0 / 7.0)],
             history: vec![record],
