@@ -101,14 +101,19 @@ def test_metadata_has_to_be_complete_and_known(tmp_path, capsys):
     assert main([*command, "--metadata", str(tmp_path / "metadata.json")]) == 0
 
 
-def test_unbiased_weights_have_the_total_of_their_validation_clouds(tmp_path):
+def test_unbiased_weights_have_the_total_of_their_validation_clouds(tmp_path, capsys):
     checkpoint = saved(tmp_path / "network.pt", seasoned_network([3, 4]), False)
     metadata = {**weights_metadata(3, 4), "scores": {"epsilon": 0.4, "delta": 0.2}}
-    export(checkpoint, tmp_path / "w.safetensors", metadata, unbiased=True)
-    with safe_open(tmp_path / "w.safetensors", "pt") as file:
-        header = json.loads(file.metadata()["deepct"])
-    # A share of 0.2 was missing: 0.8 times 1.25 is all.
-    assert header["output_scale"] == pytest.approx(1.25 * metadata["output_scale"])
-    assert header["scores"] == {"epsilon": 0.4, "delta": 0.0}
+    # A share of 0.2 was missing: 0.8 times 1.25 is all, 0.8 times 1.125 leaves a tenth missing.
+    for share, scale, left in ((1.0, 1.25, 0.0), (0.5, 1.125, 0.1)):
+        export(checkpoint, tmp_path / "w.safetensors", metadata, unbiased=share)
+        with safe_open(tmp_path / "w.safetensors", "pt") as file:
+            header = json.loads(file.metadata()["deepct"])
+        assert header["output_scale"] == pytest.approx(scale * metadata["output_scale"])
+        assert header["scores"] == {"epsilon": 0.4, "delta": pytest.approx(left)}
     with pytest.raises(InputError, match="its scores have a delta of None"):
-        export(checkpoint, tmp_path / "w.safetensors", weights_metadata(3, 4), unbiased=True)
+        export(checkpoint, tmp_path / "w.safetensors", weights_metadata(3, 4), unbiased=1.0)
+    command = ["export", str(checkpoint), "--out", str(tmp_path / "w.safetensors")]
+    with pytest.raises(SystemExit):
+        main([*command, "--unbiased", "1.5"])
+    assert "from 0 to 1" in capsys.readouterr().err

@@ -69,7 +69,13 @@ def _parser() -> argparse.ArgumentParser:
     convert.add_argument("--out", type=Path, required=True, help="NAME.safetensors or NAME.onnx")
     convert.add_argument("--metadata", type=Path, help="JSON with metadata to add or replace")
     convert.add_argument(
-        "--unbiased", action="store_true", help="bring the mean delta of the scores to zero"
+        "--unbiased",
+        type=_share,
+        nargs="?",
+        const=1.0,
+        default=0.0,
+        metavar="SHARE",
+        help="take this share of the scores' mean delta away (0 to 1; all of it if not told)",
     )
     convert.set_defaults(run=_export)
 
@@ -89,6 +95,13 @@ def _positive(text: str) -> float:
     if not 0.0 < value < float("inf"):
         raise argparse.ArgumentTypeError(f"{text} is not a positive number")
     return value
+
+
+def _share(text: str) -> float:
+    number = float(text)
+    if not 0.0 <= number <= 1.0:
+        raise argparse.ArgumentTypeError(f"{text} is not from 0 to 1")
+    return number
 
 
 def _count(text: str) -> int:

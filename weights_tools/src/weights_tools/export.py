@@ -84,7 +84,7 @@ def export(
     checkpoint_path: str | Path,
     output: str | Path,
     changes: dict[str, Any],
-    unbiased: bool = False,
+    unbiased: float = 0.0,
 ) -> None:
     """Write the weights of a checkpoint, batch norms folded: as an ONNX graph of the whole
     network where ``output`` ends in ``.onnx``, else as safetensors.
@@ -93,8 +93,8 @@ def export(
     (objects key by key); a bare state dict and the authors' checkpoints have none, and
     ``changes`` has to give all :data:`METADATA_KEYS`.
 
-    ``unbiased`` raises the scale of the output until the mean delta of the clouds that gave the
-    scores is zero: squared errors make a network too dark where it cannot know.
+    ``unbiased`` raises the scale of the output until that share of the mean delta of the clouds
+    that gave the scores is gone: squared errors make a network too dark where it cannot know.
 
     Raises :class:`InputError` for a checkpoint that cannot be used and for metadata that
     is missing or unknown.
@@ -110,7 +110,7 @@ def export(
         raise InputError(checkpoint_path, problem, f"the keys are {', '.join(METADATA_KEYS)}")
     _check_outputs(network, metadata, checkpoint_path)
     if unbiased:
-        metadata = _unbiased(metadata, checkpoint_path)
+        metadata = _unbiased(metadata, unbiased, checkpoint_path)
     header = {
         "format_version": FORMAT_VERSION,
         "architecture": {"channels": network.channels, "last_relu": True},
@@ -121,14 +121,15 @@ def export(
     write_whole(Path(output), write(network, header))
 
 
-def _unbiased(metadata: dict[str, Any], path: str | Path) -> dict[str, Any]:
+def _unbiased(metadata: dict[str, Any], share: float, path: str | Path) -> dict[str, Any]:
     delta = metadata["scores"].get("delta")
     if delta is None or delta >= 1.0:
         remedy = "give the scores with --metadata, or leave --unbiased out"
         raise InputError(path, f"its scores have a delta of {delta}", remedy)
     # The epsilon was measured before; that of the delta is known.
-    scores = {**metadata["scores"], "delta": 0.0}
-    return {**metadata, "output_scale": metadata["output_scale"] / (1.0 - delta), "scores": scores}
+    left = (1.0 - share) * delta
+    scale = metadata["output_scale"] * (1.0 - left) / (1.0 - delta)
+    return {**metadata, "output_scale": scale, "scores": {**metadata["scores"], "delta": left}}
 
 
 def _check_outputs(network: Network, metadata: dict[str, Any], path: str | Path) -> None:
