@@ -10,7 +10,7 @@ use crate::transport::{OrdinatesModel, OrdinatesSettings};
 use ndarray::Array3;
 
 /// The tolerance of the solver in a few quick steps, which do not end where a finer one shows.
-pub const QUICK_TOLERANCE: f64 = 3e-3;
+pub const QUICK_TOLERANCE: f64 = 1e-2;
 
 /// The deterministic solver on any grid.
 #[derive(Debug, Clone)]

@@ -33,11 +33,10 @@ impl Rays<'_> {
     /// Optical depth of a part of a ray, the forward peak left out.
     #[inline]
     fn depth_of(&self, segment: &Segment) -> f64 {
-        let Some(slot) = segment.slot else { return 0.0 };
         let reach = segment.to - segment.from;
-        let value = |x| self.lattice.value(self.extinction, slot, segment.from + x * reach);
+        let value = |x| self.lattice.value(self.extinction, segment.slot, segment.from + x * reach);
         let mean = 0.5 * (value(TWO[0]) + value(TWO[1]));
-        f64::from(self.optics.kept(slot)) * segment.length * mean
+        f64::from(self.optics.kept(segment.slot)) * segment.length * mean
     }
 
     /// Optical depth along a ray.
@@ -55,11 +54,11 @@ impl Rays<'_> {
     /// Add to the derivative by voxel what follows from one by the depth along a ray.
     pub(super) fn spread_depth(&self, ray: Ray, value: f64, into: &mut [f64]) {
         for segment in self.lattice.segments(ray) {
-            let Some(slot) = segment.slot else { continue };
-            let weight = 0.5 * value * f64::from(self.optics.kept(slot)) * segment.length;
+            let kept = f64::from(self.optics.kept(segment.slot));
+            let weight = 0.5 * value * kept * segment.length;
             for x in TWO {
                 let at = segment.from + x * (segment.to - segment.from);
-                self.lattice.spread(into, slot, at, weight);
+                self.lattice.spread(into, segment.slot, at, weight);
             }
         }
     }

@@ -208,7 +208,7 @@ impl Camera<'_> {
         let mut inside: Option<[f64; 2]> = None;
         let mut air = 1.0;
         for segment in lattice.segments(ray) {
-            let Some(slot) = segment.slot else { continue };
+            let slot = segment.slot;
             let leave = segment.enter + segment.length;
             if inside.is_none() {
                 air = self.surroundings.transmittance(&ray, 0.0, segment.enter);

@@ -30,15 +30,21 @@ impl OrdinatesModel {
         let (by_kept, mut leaving) =
             transport.by_extinction([(&state.field, forward), (&adjoint, backward)]);
         if !state.shadow_depths.is_empty() {
-            for (octant, leaving) in self.quadrature.octants.iter().zip(&mut leaving) {
+            let spread = |(octant, leaving): (&Octant, &mut Faces)| {
+                let mut sums = vec![0.0; state.shadow_depths.len()];
+                let depths = &state.shadow_depths;
                 self.surroundings.spread_incoming(
                     &self.lattice,
                     octant,
-                    &state.shadow_depths,
+                    depths,
                     leaving,
-                    &mut derivative.on_surface,
+                    &mut sums,
                 );
-            }
+                sums
+            };
+            let octants = self.quadrature.octants.par_iter().zip(&mut leaving);
+            let parts: Vec<_> = octants.map(spread).collect();
+            add_all(&mut derivative.on_surface.shadow_depths, &parts);
         }
 
         // What it does to scattering, again and for the first time.
@@ -47,13 +53,11 @@ impl OrdinatesModel {
         let turned = self.turned_sunlight();
         let mut by_stopped = vec![[0.0; 4]; self.lattice.len()];
         for (slot, by_kept) in by_kept.iter().enumerate() {
-            let cell = |values: &'_ [f32], m: usize| -> Vec<f32> {
-                values[(slot * 4 + m) * count..][..count].to_vec()
-            };
+            let row = |m: usize| (slot * 4 + m) * count..(slot * 4 + m + 1) * count;
             let by = self.optics.scattered(slot);
             let product = |a: usize, b: usize| -> f32 {
-                let (a, b) = (cell(&reversed, a), cell(&state.field.moments, b));
-                a.iter().zip(&b).zip(by).map(|((a, b), by)| a * b * by).sum()
+                let pairs = reversed[row(a)].iter().zip(&state.field.moments[row(b)]);
+                pairs.zip(by).map(|((a, b), by)| a * b * by).sum()
             };
             let mut values = by_kept.map(|value| self.optics.kept(slot) * value);
             values[0] += (0..4).map(|m| product(m, m)).sum::<f32>();
@@ -61,7 +65,7 @@ impl OrdinatesModel {
             self.lattice.spread_coefficients(&mut derivative.extinction, slot, values);
             let turned = turned(slot);
             for (m, sum) in by_stopped[slot].iter_mut().enumerate() {
-                *sum = cell(&reversed, m).iter().zip(&turned).map(|(a, b)| a * b).sum();
+                *sum = reversed[row(m)].iter().zip(&turned).map(|(a, b)| a * b).sum();
             }
         }
         let Derivative { extinction, sun_depths, on_surface, .. } = &mut derivative;
@@ -108,7 +112,10 @@ impl OrdinatesModel {
                 for pixel in pixels {
                     let [row, col] = *pixel;
                     let weight = irradiance * f64::from(weights.values[[tile.view, row, col]]);
-                    camera.differentiate(view, *pixel, weight, &scattered, &mut part);
+                    // An inversion gives no weight to the many pixels beside the cloud.
+                    if weight != 0.0 {
+                        camera.differentiate(view, *pixel, weight, &scattered, &mut part);
+                    }
                 }
                 part
             };

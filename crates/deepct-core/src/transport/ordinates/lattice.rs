@@ -37,11 +37,11 @@ struct Active {
     offset: DVec3,
 }
 
-/// A part of a ray, in one cell.
+/// A part of a ray, in one active cell.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Segment {
-    /// The slot of the cell, if it is active.
-    pub(super) slot: Option<usize>,
+    /// The slot of the cell.
+    pub(super) slot: usize,
     /// Distance from the ray's origin at which it enters, and length (km).
     pub(super) enter: f64,
     pub(super) length: f64,
@@ -172,21 +172,26 @@ impl Lattice {
         self.grid.origin + self.grid.spacing * (corner + at)
     }
 
-    /// The cells that a ray passes, in order.
+    /// The active cells that a ray passes, in order.
     pub(super) fn segments(&self, ray: Ray) -> impl Iterator<Item = Segment> {
         let grid = self.unfolded(&ray);
         let [_, ny, nx] = self.grid.shape;
-        walk(&grid, &ray).map(move |step| {
+        // Most cells of a block are not active, and most rays stay in one copy of it.
+        let folded = |index: usize, count: usize| if index < count { index } else { index % count };
+        let origin = (ray.origin - grid.origin) / grid.spacing;
+        let direction = ray.direction / grid.spacing;
+        walk(&grid, &ray).filter_map(move |step| {
             let [k, j, i] = step.voxel;
+            let slot = self.slot((k * ny + folded(j, ny)) * nx + folded(i, nx))?;
             let corner = DVec3::new(i as f64, j as f64, k as f64);
-            let local = |distance: f64| (ray.at(distance) - grid.origin) / grid.spacing - corner;
-            Segment {
-                slot: self.slot((k * ny + j % ny) * nx + i % nx),
+            let local = |distance: f64| origin + distance * direction - corner;
+            Some(Segment {
+                slot,
                 enter: step.enter,
                 length: step.exit - step.enter,
                 from: local(step.enter),
                 to: local(step.exit),
-            }
+            })
         })
     }
 

@@ -219,7 +219,7 @@ impl Surroundings {
         octant: &Octant,
         shadow_depths: &[f32],
         leaving: &mut Faces,
-        by_surface: &mut BySurface,
+        into: &mut [f64],
     ) {
         if octant.signs[2] < 0.0 {
             return;
@@ -230,8 +230,8 @@ impl Surroundings {
             let FacePlace { axis, ordinate, .. } = place;
             let adjoint = f64::from(*place.mean(leaving, octant) * octant.weights[ordinate]);
             let streaming = f64::from(octant.cosines[axis][ordinate]) / spacing[axis];
-            let outside = Outside { share: 0.0, ..self.outside(&ray, on_surface) };
-            self.spread(&outside, adjoint * streaming, by_surface);
+            let Outside { sunlight, foot, .. } = self.outside(&ray, on_surface);
+            self.shadow.spread(into, foot, -adjoint * streaming * sunlight);
         });
     }
 
