@@ -2,9 +2,9 @@
 //! cloud.
 //!
 //! `rico_inversion FOLDER [ASYMMETRY [constant|trilinear [AGREEMENT TYPICAL_GRADIENT
-//! MODEL_ERROR LEAST_ERROR]]]` inverts the views of FOLDER (rico32_cloud.nc, rico32_views.nc),
+//! MODEL_ERROR LEAST_ERROR MISFIT]]]` inverts the views of FOLDER (rico32_cloud.nc, rico32_views.nc),
 //! all in one plane and with the Sun in it, inside the mask that is carved from them, from
-//! 0.01 /km, and prints a row for each step. The last four are settings of the carving and of
+//! 0.01 /km, and prints a row for each step. The last five are settings of the carving and of
 //! the inversion.
 
 use deepct_core::carve::{CarveSettings, carve};
@@ -29,7 +29,7 @@ const SUN_ZENITH_DEG: f64 = 30.0;
 fn main() -> Result<(), AnyError> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let usage = "rico_inversion FOLDER [ASYMMETRY [constant|trilinear [AGREEMENT TYPICAL_GRADIENT \
-                 MODEL_ERROR LEAST_ERROR]]]";
+                 MODEL_ERROR LEAST_ERROR MISFIT]]]";
     let folder = Path::new(arguments.first().ok_or(usage)?);
     let asymmetry: f64 = arguments.get(1).map_or(Ok(0.0), |text| text.parse())?;
     let interpolation = match arguments.get(2).map(String::as_str) {
@@ -39,10 +39,13 @@ fn main() -> Result<(), AnyError> {
     };
     let (mut carving, mut settings) = (CarveSettings::default(), InversionSettings::default());
     if let Some(numbers) = arguments.get(3..).filter(|numbers| !numbers.is_empty()) {
-        let [agreement, gradient, model, least] = numbers else { return Err(usage.into()) };
+        let [agreement, gradient, model, least, misfit] = numbers else {
+            return Err(usage.into());
+        };
         carving.agreement = agreement.parse()?;
         settings.typical_gradient = gradient.parse()?;
         (settings.model_error, settings.least_error) = (model.parse()?, least.parse()?);
+        settings.misfit = misfit.parse()?;
     }
     let truth = read_volume(folder.join("rico32_cloud.nc"))?;
     let phase = PhaseFunction::henyey_greenstein(asymmetry)?;
