@@ -166,6 +166,7 @@ mod tests {
                 last: 0,
                 every: 1,
                 clouds: 9,
+                isolated: None,
                 variation: None,
                 light: Light::Droplets,
             }],
@@ -329,24 +330,29 @@ mod tests {
     fn fields_keep_all_water() {
         let folder = tempfile::tempdir().unwrap();
         let settings = DatasetSettings {
-            isolated: false,
             minimum_columns: 1,
             minimum_water_path: 0.0,
             ..simulation(folder.path())
         };
-        let out = folder.path().join("set");
-        make(&settings, folder.path(), &out, None).unwrap();
-        let samples = check(&out, &|_| ()).unwrap().samples;
-        assert!((1..=4).contains(&samples.len()));
-        // All voxels with water are alike.
-        let mut voxels = 0;
-        for sample in &samples {
-            let values = io::read_volume(out.join(&sample.file)).unwrap().values;
-            let wet = values.iter().filter(|value| **value > 0.0).count();
-            assert!(wet > 0, "a clear square");
-            voxels += wet;
+        let whole = DatasetSettings { isolated: false, ..settings.clone() };
+        let mut own = settings.clone();
+        own.sources[0].isolated = Some(false);
+        // A set of fields, and a source of them in a set of isolated clouds.
+        for (name, settings) in [("whole", whole), ("own", own)] {
+            let out = folder.path().join(name);
+            make(&settings, folder.path(), &out, None).unwrap();
+            let samples = check(&out, &|_| ()).unwrap().samples;
+            assert!((1..=4).contains(&samples.len()));
+            // All voxels with water are alike.
+            let mut voxels = 0;
+            for sample in &samples {
+                let values = io::read_volume(out.join(&sample.file)).unwrap().values;
+                let wet = values.iter().filter(|value| **value > 0.0).count();
+                assert!(wet > 0, "a clear square");
+                voxels += wet;
+            }
+            assert_eq!(voxels, 48 + 90);
         }
-        assert_eq!(voxels, 48 + 90);
     }
 
     #[test]

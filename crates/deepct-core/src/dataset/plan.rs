@@ -102,7 +102,8 @@ pub(super) fn pieces(
     let indices = [source as u64, snapshot as u64];
     let mut rng = stream(settings.seed, Purpose::Dataset, &indices);
     let DatasetSettings { columns: side, minimum_columns, minimum_water_path, .. } = *settings;
-    let mut pieces = if settings.isolated {
+    let isolated = settings.sources[source].isolated.unwrap_or(settings.isolated);
+    let mut pieces = if isolated {
         let isolate = IsolateSettings {
             side,
             columns: minimum_columns,

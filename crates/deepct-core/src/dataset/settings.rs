@@ -42,7 +42,7 @@ pub struct DatasetSettings {
     /// Levels of a sample.
     pub levels: Levels,
     /// Whether a sample is one cloud alone on its ground; otherwise it is a square of the field
-    /// with all that is in it.
+    /// with all that is in it. A source may have it otherwise.
     #[serde(default = "isolated")]
     pub isolated: bool,
     /// Fewest cloudy columns of a sample.
@@ -78,6 +78,9 @@ pub struct Source {
     pub every: usize,
     /// The most samples taken of one snapshot, drawn at random.
     pub clouds: usize,
+    /// [`DatasetSettings::isolated`] of its own.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub isolated: Option<bool>,
     /// How they are changed; as the simulation made them where this is missing.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub variation: Option<Variation>,

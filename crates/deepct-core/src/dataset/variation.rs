@@ -1,15 +1,15 @@
-//! Clouds that the simulation did not make: with another base, leaning in the wind, drier.
+//! Clouds that the simulation did not make: with another base, turned or leaning in the wind, drier.
 
 use crate::error::{Error, Result};
 use crate::math::DVec3;
 use crate::rng::{Rng, RngExt};
-use ndarray::{Array3, ArrayView2, Axis};
+use ndarray::{Array3, ArrayView2, ArrayView3, Axis};
 use serde::{Deserialize, Serialize};
 
 /// How far the clouds of a source are changed before they are seen, each by numbers of its own,
 /// drawn evenly. Nothing of a cloud is lost: it moves as far as it has room.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct Variation {
     /// Most levels that a cloud is raised or lowered by.
     pub levels: usize,
@@ -19,6 +19,16 @@ pub struct Variation {
     /// Least share of its water that a cloud keeps; 1 keeps all. One that dries out in clear air
     /// has lost part of it.
     pub least_water: f32,
+    /// Whether a cloud is turned by some quarter turns about the vertical and mirrored or not:
+    /// eight ways to stand in the same light.
+    pub turned: bool,
+}
+
+impl Default for Variation {
+    /// The cloud as it is.
+    fn default() -> Self {
+        Self { levels: 0, lean: 0.0, least_water: 1.0, turned: false }
+    }
 }
 
 impl Variation {
@@ -37,7 +47,8 @@ impl Variation {
         Ok(())
     }
 
-    /// Another cloud out of the liquid water `[z, y, x]` of one, in voxels of `spacing` (km).
+    /// Another cloud out of the liquid water `[z, y, x]` of one, in voxels of `spacing` (km), with
+    /// as many columns along y as along x.
     pub(super) fn draw(
         &self,
         water: &Array3<f32>,
@@ -49,10 +60,12 @@ impl Variation {
         let azimuth = std::f64::consts::TAU * rng.random::<f64>();
         let lean = self.lean * rng.random::<f64>();
         let kept = 1.0 - (1.0 - self.least_water) * rng.random::<f32>();
+        let way = if self.turned { rng.random_range(0..8) } else { 0 };
+        let water = stand(water, way);
 
         let wet = |k: usize| water.index_axis(Axis(0), k).iter().any(|water| *water > 0.0);
         let levels = water.len_of(Axis(0));
-        let Some(base) = (0..levels).find(|k| wet(*k)) else { return water.clone() };
+        let Some(base) = (0..levels).find(|k| wet(*k)) else { return water.to_owned() };
         let top = (base..levels).rev().find(|k| wet(*k)).unwrap_or(base);
         let raise = raise.clamp(-(base as i64), (levels - 1 - top) as i64);
         let mut result = Array3::zeros(water.raw_dim());
@@ -71,6 +84,22 @@ impl Variation {
         }
         result
     }
+}
+
+/// The cloud `[z, y, x]` in one of the eight ways in which a square lies on itself: way 0 changes
+/// nothing.
+fn stand(water: &Array3<f32>, way: usize) -> ArrayView3<'_, f32> {
+    let mut water = water.view();
+    if way & 1 != 0 {
+        water.swap_axes(1, 2);
+    }
+    if way & 2 != 0 {
+        water.invert_axis(Axis(1));
+    }
+    if way & 4 != 0 {
+        water.invert_axis(Axis(2));
+    }
+    water
 }
 
 /// As much of a drift (rows, columns) as leaves the water of a level a clear column on each side,
@@ -127,7 +156,7 @@ mod tests {
 
     #[test]
     fn levels_move_as_far_as_there_is_room_and_nothing_else_changes() {
-        let variation = Variation { levels: 6, lean: 0.0, least_water: 1.0 };
+        let variation = Variation { levels: 6, ..Variation::default() };
         let bases: Vec<usize> = draws(variation, &tower())
             .iter()
             .map(|cloud| {
@@ -147,7 +176,7 @@ mod tests {
 
     #[test]
     fn a_cloud_leans_evenly_and_keeps_its_water() {
-        let variation = Variation { levels: 0, lean: 1.5, least_water: 1.0 };
+        let variation = Variation { lean: 1.5, ..Variation::default() };
         let mut farthest: f64 = 0.0;
         for cloud in draws(variation, &tower()) {
             assert!((sum(&cloud) / sum(&tower()) - 1.0).abs() < 1e-6);
@@ -168,7 +197,7 @@ mod tests {
 
     #[test]
     fn water_stays_inside_and_a_share_of_it_is_kept() {
-        let variation = Variation { levels: 3, lean: 50.0, least_water: 0.4 };
+        let variation = Variation { levels: 3, lean: 50.0, least_water: 0.4, turned: true };
         let shares: Vec<f64> =
             draws(variation, &tower()).iter().map(|cloud| sum(cloud) / sum(&tower())).collect();
         assert!(shares.iter().all(|share| (0.4..=1.0 + 1e-6).contains(share)), "{shares:?}");
@@ -177,8 +206,36 @@ mod tests {
     }
 
     #[test]
+    fn a_cloud_stands_in_eight_ways_each_as_often() {
+        let variation = Variation { turned: true, ..Variation::default() };
+        let mut ways: Vec<(Array3<f32>, usize)> = Vec::new();
+        for cloud in draws(variation, &tower()) {
+            // Every level keeps its water, wherever that stands.
+            for k in 0..12 {
+                let sorted = |cloud: &Array3<f32>| {
+                    let mut level =
+                        cloud.index_axis(Axis(0), k).iter().copied().collect::<Vec<_>>();
+                    level.sort_by(f32::total_cmp);
+                    level
+                };
+                assert_eq!(sorted(&cloud), sorted(&tower()));
+            }
+            match ways.iter_mut().find(|(way, _)| *way == cloud) {
+                Some((_, count)) => *count += 1,
+                None => ways.push((cloud, 1)),
+            }
+        }
+        assert_eq!(ways.len(), 8);
+        // Of 60 draws, each way 7.5 times, within four standard deviations of a binomial.
+        assert!(ways.iter().all(|(_, count)| (1..18).contains(count)));
+        assert!(ways.iter().any(|(way, _)| *way == tower()));
+        let turned = Array3::from_shape_fn([12, 20, 20], |(k, j, i)| tower()[[k, i, 19 - j]]);
+        assert!(ways.iter().any(|(way, _)| *way == turned));
+    }
+
+    #[test]
     fn numbers_out_of_range_are_refused() {
-        let whole = Variation { levels: 1, lean: 0.2, least_water: 1.0 };
+        let whole = Variation { levels: 1, lean: 0.2, ..Variation::default() };
         assert!(whole.check().is_ok());
         assert!(Variation { lean: -1.0, ..whole }.check().is_err());
         assert!(Variation { least_water: 0.0, ..whole }.check().is_err());

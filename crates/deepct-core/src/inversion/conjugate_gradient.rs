@@ -1,5 +1,7 @@
 //! Conjugate gradients, for what is symmetric and positive.
 
+use super::optimiser::dot;
+
 /// Share of the residual that may be left, in the norm of the inverse diagonal.
 const ENOUGH: f64 = 1e-3;
 /// The most products with the matrix.
@@ -35,10 +37,6 @@ pub(super) fn solve(
         direction.iter_mut().zip(next).for_each(|(d, next)| *d = next + size / before * *d);
     }
     x
-}
-
-fn dot(a: &[f64], b: &[f64]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
 #[cfg(test)]

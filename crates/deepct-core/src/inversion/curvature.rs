@@ -12,8 +12,8 @@ use std::collections::BTreeMap;
 const LEAST_SENSITIVITY: f64 = 0.1;
 
 /// Share of the diagonal that is taken for what pixels see along their sights, and again for what
-/// every voxel does by itself. More than the prior leads better: at 0.3 instead of 0.05, ten
-/// steps from a network's answer end at an epsilon of 28.3 instead of 27.5 %.
+/// every voxel does by itself. So small a share lets the prior lead; other shares are in
+/// docs/deterministic_solver.md, "What the optimiser knows".
 const SHARE: f64 = 0.03;
 
 /// Where the four rays through a pixel pass, in parts of its sides.

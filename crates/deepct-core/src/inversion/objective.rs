@@ -18,8 +18,10 @@ pub(super) struct Objective<'a> {
     pub(super) measurement: &'a Measurement,
     pub(super) variables: Variables,
     pub(super) prior: Prior,
-    /// The point where the misfit's second derivatives were looked for, and about what they are.
-    probed: (Vec<f64>, Option<Curvature>),
+    /// The point where the misfit's second derivatives were looked for.
+    probed_at: Vec<f64>,
+    /// About what they are; `None` where nothing is known.
+    curvature: Option<Curvature>,
     /// Extinction of the cloudy parts that the prior expects (1/km).
     expected: Vec<f64>,
     /// The point of the last value, with the model's images there.
@@ -41,7 +43,8 @@ impl<'a> Objective<'a> {
             measurement,
             variables,
             prior,
-            probed: (Vec::new(), None),
+            probed_at: Vec::new(),
+            curvature: None,
             expected,
             last: None,
             misfit: f64::INFINITY,
@@ -66,7 +69,7 @@ impl<'a> Objective<'a> {
 
     /// Where [`Objective::probe`] was.
     pub(super) fn probed_at(&self) -> &[f64] {
-        &self.probed.0
+        &self.probed_at
     }
 
     /// How far the images at `x` are from those that were measured, whatever their
@@ -87,7 +90,8 @@ impl<'a> Objective<'a> {
         settings: &InversionSettings,
         views: &[View],
     ) -> Result<()> {
-        self.probed = (x.to_vec(), None);
+        self.probed_at = x.to_vec();
+        self.curvature = None;
         if settings.probes == 0 {
             return Ok(());
         }
@@ -108,7 +112,7 @@ impl<'a> Objective<'a> {
         let extinction = self.variables.extinction(x)?;
         let (measurement, variables) = (self.measurement, &self.variables);
         let curvature = Curvature::new(measurement, views, &extinction, variables, diagonal);
-        self.probed.1 = Some(curvature);
+        self.curvature = Some(curvature);
         Ok(())
     }
 }
@@ -134,8 +138,9 @@ impl Function for Objective<'_> {
         prior.iter_mut().for_each(|derivative| *derivative /= pixels);
         Ok(self.variables.pull_back(x, &derivatives, &prior))
     }
+
     fn preconditioned(&self, x: &[f64], vector: Vec<f64>, free: &[bool]) -> Vec<f64> {
-        let Some(curvature) = &self.probed.1 else { return vector };
+        let Some(curvature) = &self.curvature else { return vector };
         let slopes = self.variables.slopes(x);
         let pixels = self.measurement.pixels() as f64;
         let product = |change: &[f64]| -> Vec<f64> {

@@ -114,7 +114,8 @@ impl DropletTable {
         }
     }
 
-    fn second(&self, first: usize) -> usize {
+    /// The node above one, or itself where it is the last.
+    pub(super) fn second(&self, first: usize) -> usize {
         (first + 1).min(self.nodes.len() - 1)
     }
 }

@@ -82,7 +82,7 @@ impl<'a> VoxelMoments<'a> {
             Scattering::Droplets { effective_radius, table } => {
                 let mixture = table.mixture(f64::from(effective_radius[voxel]));
                 let Mixture { first, share, single_scattering_albedo, .. } = mixture;
-                let second = (first + 1).min(self.moments.len() - 1);
+                let second = table.second(first);
                 times(single_scattering_albedo, share, &self.moments[first], &self.moments[second])
             }
         }
