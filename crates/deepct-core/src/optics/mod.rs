@@ -16,7 +16,6 @@ mod water;
 
 pub use droplet_table::{DropletOptics, DropletTable, Mixture};
 pub use mie::{Efficiencies, Sphere};
-pub use moments::VoxelMoments;
 pub use phase::{PhaseFunction, PhaseTable};
 pub use population::{DropletSettings, SizeDistribution};
 pub use scattering::{Collision, Scattering};

@@ -1,7 +1,6 @@
 //! Phase functions as series of Legendre polynomials.
 
-use super::{Mixture, PhaseFunction, Scattering};
-use rayon::prelude::*;
+use super::PhaseFunction;
 use std::f64::consts::PI;
 
 /// Pieces of the range of cosines for functions without a closed form.
@@ -39,53 +38,6 @@ impl PhaseFunction {
         let all = moments.first().copied().unwrap_or(1.0);
         moments.iter_mut().for_each(|moment| *moment /= all);
         moments
-    }
-}
-
-/// The Legendre moments of what a collision does, voxel by voxel.
-#[derive(Debug)]
-pub struct VoxelMoments<'a> {
-    scattering: &'a Scattering,
-    /// Those of the one phase function, or of each node of the table.
-    moments: Vec<Vec<f64>>,
-}
-
-impl<'a> VoxelMoments<'a> {
-    /// The first `count` moments.
-    pub fn new(scattering: &'a Scattering, count: usize) -> Self {
-        let moments = match scattering {
-            Scattering::Uniform { phase_function, .. } => {
-                vec![phase_function.legendre_moments(count)]
-            }
-            Scattering::Droplets { table, .. } => {
-                let nodes = table.nodes().par_iter();
-                nodes.map(|node| node.phase_function.legendre_moments(count)).collect()
-            }
-        };
-        Self { scattering, moments }
-    }
-
-    /// The moments in voxel `[k, j, i]`, as [`PhaseFunction::legendre_moments`], times the single
-    /// scattering albedo.
-    ///
-    /// # Panics
-    /// When the voxel is outside the grid of the droplets.
-    pub fn at(&self, voxel: [usize; 3]) -> Vec<f64> {
-        let times = |albedo: f64, share: f64, first: &[f64], second: &[f64]| -> Vec<f64> {
-            let pairs = first.iter().zip(second);
-            pairs.map(|(first, second)| albedo * (first + share * (second - first))).collect()
-        };
-        match self.scattering {
-            Scattering::Uniform { single_scattering_albedo, .. } => {
-                times(*single_scattering_albedo, 0.0, &self.moments[0], &self.moments[0])
-            }
-            Scattering::Droplets { effective_radius, table } => {
-                let mixture = table.mixture(f64::from(effective_radius[voxel]));
-                let Mixture { first, share, single_scattering_albedo, .. } = mixture;
-                let second = table.second(first);
-                times(single_scattering_albedo, share, &self.moments[first], &self.moments[second])
-            }
-        }
     }
 }
 

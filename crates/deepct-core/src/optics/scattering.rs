@@ -1,6 +1,6 @@
 //! What a collision in a medium does to light.
 
-use super::{DropletTable, PhaseFunction};
+use super::{DropletTable, Mixture, PhaseFunction};
 use crate::error::{Error, Result};
 use ndarray::Array3;
 use std::sync::Arc;
@@ -62,6 +62,35 @@ impl Scattering {
             },
             Self::Droplets { effective_radius, table } => {
                 table.collision(&table.mixture(f64::from(effective_radius[voxel])))
+            }
+        }
+    }
+
+    /// The phase functions that the scattering of every voxel is a mixture of.
+    pub fn phase_functions(&self) -> Vec<&PhaseFunction> {
+        match self {
+            Self::Uniform { phase_function, .. } => vec![phase_function],
+            Self::Droplets { table, .. } => {
+                table.nodes().iter().map(|node| &node.phase_function).collect()
+            }
+        }
+    }
+
+    /// What a collision in voxel `[k, j, i]` does, by number of the
+    /// [`Scattering::phase_functions`]: the probability that it scatters after that one. They
+    /// add up to the single-scattering albedo; there is none of all others.
+    ///
+    /// # Panics
+    /// When the voxel is outside the grid of the droplets.
+    pub fn shares(&self, voxel: [usize; 3]) -> [(usize, f64); 2] {
+        match self {
+            Self::Uniform { single_scattering_albedo, .. } => {
+                [(0, *single_scattering_albedo), (0, 0.0)]
+            }
+            Self::Droplets { effective_radius, table } => {
+                let mixture = table.mixture(f64::from(effective_radius[voxel]));
+                let Mixture { first, share, single_scattering_albedo: albedo, .. } = mixture;
+                [(first, albedo * (1.0 - share)), (table.second(first), albedo * share)]
             }
         }
     }

@@ -6,7 +6,6 @@
 use super::beam::{Rays, spread_sun_depth, sun_depth};
 use super::quadrature::first_harmonics;
 use super::surroundings::{BySurface, OnSurface, Outside, Surroundings};
-use crate::grid::Grid;
 use crate::math::{DVec3, Ray};
 use crate::scene::{Projection, View};
 
@@ -64,7 +63,6 @@ impl Tile {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Camera<'a> {
     pub(super) rays: Rays<'a>,
-    pub(super) voxels: &'a Grid,
     /// Towards the Sun.
     pub(super) sun: DVec3,
     pub(super) sun_depths: &'a [[f32; 8]],
@@ -134,12 +132,12 @@ impl Camera<'_> {
 
     /// The mean radiance of a pixel, for a Sun of unit irradiance.
     pub(super) fn radiance(&self, view: &View, pixel: [usize; 2], scattered: &[[f32; 4]]) -> f64 {
-        let mut points = Vec::new();
+        let mut way = Way::default();
         let radiance = |ray| {
-            let beyond = self.walk(ray, scattered, &mut points);
+            let beyond = self.walk(ray, scattered, &mut way);
             beyond.before
                 + beyond.transmittance * beyond.outside.radiance()
-                + points.iter().map(Point::radiance).sum::<f64>()
+                + way.points.iter().map(Point::radiance).sum::<f64>()
         };
         let (sum, count) = self
             .pixel_rays(view, pixel)
@@ -158,14 +156,14 @@ impl Camera<'_> {
         into: &mut Derivative,
     ) {
         let weight = weight / (self.rays_per_side * self.rays_per_side) as f64;
-        let mut points = Vec::new();
+        let mut way = Way::default();
         for ray in self.pixel_rays(view, pixel) {
-            let beyond = self.walk(ray, scattered, &mut points);
+            let beyond = self.walk(ray, scattered, &mut way);
             let value = weight * beyond.transmittance;
             self.surroundings.spread(&beyond.outside, value, &mut into.on_surface);
             // Backwards: what is behind a point is weakened by it.
             let mut behind = beyond.transmittance * beyond.outside.radiance();
-            for pair in points.chunks_exact(2).rev() {
+            for pair in way.points.chunks_exact(2).rev() {
                 let seen = [pair[0].radiance(), pair[1].radiance()];
                 let before = before_points();
                 for (number, point) in pair.iter().enumerate() {
@@ -198,11 +196,11 @@ impl Camera<'_> {
             .map(move |n| view.ray(row as f64 + place(n / count), col as f64 + place(n % count)))
     }
 
-    /// The points of a ray, two and two; and what is before and behind them.
-    fn walk(&self, ray: Ray, scattered: &[[f32; 4]], points: &mut Vec<Point>) -> Beyond {
+    /// Go along a ray; gives what is before and behind its points.
+    fn walk(&self, ray: Ray, scattered: &[[f32; 4]], way: &mut Way) -> Beyond {
+        let Way { points, densities } = way;
         points.clear();
         let Rays { lattice, optics, extinction, .. } = self.rays;
-        let cosine = ray.direction.dot(self.sun);
         let before = before_points();
         let mut depth = 0.0;
         let mut inside: Option<[f64; 2]> = None;
@@ -212,13 +210,14 @@ impl Camera<'_> {
             let leave = segment.enter + segment.length;
             if inside.is_none() {
                 air = self.surroundings.transmittance(&ray, 0.0, segment.enter);
+                optics.densities(ray.direction.dot(self.sun), densities);
             }
             inside = Some([inside.map_or(segment.enter, |ends| ends[0]), leave]);
             let reach = segment.to - segment.from;
             let kept = f64::from(optics.kept(slot));
             // Not by the extinction that there is: the radiance would jump where it changes.
             let steps = (kept * self.largest_extinction * segment.length / STEP).ceil().max(1.0);
-            let single = optics.density(self.voxels, lattice, slot, cosine);
+            let single = optics.density(slot, densities);
             let length = segment.length / steps;
             for step in 0..steps as usize {
                 let places = POINTS.map(|x| segment.from + (step as f64 + x) / steps * reach);
@@ -259,6 +258,15 @@ impl Camera<'_> {
             outside: self.surroundings.outside(&behind, self.on_surface),
         }
     }
+}
+
+/// What is on a ray, and room to keep it from ray to ray.
+#[derive(Debug, Default)]
+struct Way {
+    /// The points, two and two.
+    points: Vec<Point>,
+    /// Of the phase functions at the angle between the ray and the Sun.
+    densities: Vec<f64>,
 }
 
 /// What a ray sees before and behind the cloud.

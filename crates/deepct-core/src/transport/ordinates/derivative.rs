@@ -1,7 +1,7 @@
 //! The derivative of the images: each step of a solution backwards.
 
 use super::beam::{PARTS, add_all};
-use super::camera::Derivative;
+use super::camera::{Derivative, Tile};
 use super::diffuse::{Field, Origin, reverse};
 use super::quadrature::Octant;
 use super::sweep::Faces;
@@ -94,52 +94,60 @@ impl OrdinatesModel {
     /// of the radiance.
     fn seen(&self, state: &State, weights: &ViewStack) -> (Derivative, Vec<f32>) {
         let camera = self.camera(state);
-        let nothing = || {
-            let slots = self.lattice.len();
-            Derivative::new(state.extinction.len(), slots, state.on_surface())
-        };
-        let slots = self.lattice.len();
-        let count = self.quadrature.harmonics;
+        let (slots, count) = (self.lattice.len(), self.quadrature.harmonics);
         let irradiance = self.scene.sun.irradiance;
-        let mut sum = nothing();
+        let nothing = || Derivative::new(state.extinction.len(), slots, state.on_surface());
+        let mut parts: Vec<_> = (0..PARTS).map(|_| nothing()).collect();
         let mut by_moments = vec![0.0; slots * 4 * count];
-        for tile in &self.tiles {
-            let view = &self.views[tile.view];
-            let scattered = camera.scattered(tile, view);
-            let pixels: Vec<_> = tile.pixels().collect();
-            let part = |pixels: &[[usize; 2]]| {
-                let mut part = nothing();
-                for pixel in pixels {
-                    let [row, col] = *pixel;
-                    let weight = irradiance * f64::from(weights.values[[tile.view, row, col]]);
-                    // An inversion gives no weight to the many pixels beside the cloud.
-                    if weight != 0.0 {
-                        camera.differentiate(view, *pixel, weight, &scattered, &mut part);
-                    }
+        for pieces in self.weighted(weights).chunks(PARTS) {
+            parts.par_iter_mut().zip(pieces).for_each(|(part, (tile, pixels))| {
+                let view = &self.views[tile.view];
+                let scattered = camera.scattered(tile, view);
+                part.scattered.fill([0.0; 4]);
+                for [row, col] in pixels {
+                    let weight = irradiance * f64::from(weights.values[[tile.view, *row, *col]]);
+                    camera.differentiate(view, [*row, *col], weight, &scattered, part);
                 }
-                part
-            };
-            let parts: Vec<_> = pixels.par_chunks(pixels.len().div_ceil(PARTS)).map(part).collect();
-            let mut by_scattered = vec![[0.0_f32; 4]; slots];
-            for part in parts {
-                add_all(&mut sum.extinction, std::slice::from_ref(&part.extinction));
-                let (into, part_of) = (&mut sum.on_surface, &part.on_surface);
-                add_all(&mut into.shadow_depths, std::slice::from_ref(&part_of.shadow_depths));
-                add_all(&mut into.irradiance, std::slice::from_ref(&part_of.irradiance));
-                add_rows(&mut sum.sun_depths, &part.sun_depths);
-                add_rows(&mut by_scattered, &part.scattered);
-            }
-            let harmonics = camera.harmonics(tile, view);
+            });
+            let harmonics: Vec<_> = pieces
+                .iter()
+                .map(|(tile, _)| camera.harmonics(tile, &self.views[tile.view]))
+                .collect();
             let cells = by_moments.par_chunks_mut(count).enumerate();
             cells.for_each(|(row, into)| {
                 let (slot, m) = (row / 4, row % 4);
                 let by = self.optics.scattered(slot);
-                for ((sum, y), s) in into.iter_mut().zip(&harmonics).zip(by) {
-                    *sum += by_scattered[slot][m] * y * s;
+                for (part, harmonics) in parts.iter().zip(&harmonics) {
+                    let scattered = part.scattered[slot][m];
+                    for ((sum, y), s) in into.iter_mut().zip(harmonics).zip(by) {
+                        *sum += scattered * y * s;
+                    }
                 }
             });
         }
+        let mut sum = nothing();
+        for part in &parts {
+            add_all(&mut sum.extinction, std::slice::from_ref(&part.extinction));
+            let (into, part_of) = (&mut sum.on_surface, &part.on_surface);
+            add_all(&mut into.shadow_depths, std::slice::from_ref(&part_of.shadow_depths));
+            add_all(&mut into.irradiance, std::slice::from_ref(&part_of.irradiance));
+            add_rows(&mut sum.sun_depths, &part.sun_depths);
+        }
         (sum, by_moments)
+    }
+
+    /// The pixels that have a weight, in pieces of tiles: an inversion gives none to the many
+    /// beside the cloud. Where there are few tiles, they are cut so that all parts have work.
+    fn weighted(&self, weights: &ViewStack) -> Vec<(&Tile, Vec<[usize; 2]>)> {
+        let cuts = (4 * PARTS).div_ceil(self.tiles.len().max(1));
+        let mut pieces = Vec::new();
+        for tile in &self.tiles {
+            let weighted = |[row, col]: &[usize; 2]| weights.values[[tile.view, *row, *col]] != 0.0;
+            let pixels: Vec<_> = tile.pixels().filter(weighted).collect();
+            let size = pixels.len().div_ceil(cuts).max(1);
+            pieces.extend(pixels.chunks(size).map(|pixels| (tile, pixels.to_vec())));
+        }
+        pieces
     }
 }
 

@@ -173,14 +173,17 @@ impl OrdinatesModel {
         let [rows, cols] = [self.views[0].rows, self.views[0].cols];
         let mut images = Array3::zeros((self.views.len(), rows, cols));
         let irradiance = self.scene.sun.irradiance;
-        for tile in &self.tiles {
+        let seen = |tile: &Tile| -> Vec<f64> {
             let view = &self.views[tile.view];
             let scattered = camera.scattered(tile, view);
             let pixels: Vec<_> = tile.pixels().collect();
             let radiance =
                 |pixel: &[usize; 2]| irradiance * camera.radiance(view, *pixel, &scattered);
-            let values: Vec<f64> = pixels.par_iter().map(radiance).collect();
-            for ([row, col], value) in pixels.into_iter().zip(values) {
+            pixels.par_iter().map(radiance).collect()
+        };
+        let values: Vec<_> = self.tiles.par_iter().map(seen).collect();
+        for (tile, values) in self.tiles.iter().zip(values) {
+            for ([row, col], value) in tile.pixels().zip(values) {
                 images[[tile.view, row, col]] = value as f32;
             }
         }
@@ -222,7 +225,6 @@ impl OrdinatesModel {
     fn camera<'a>(&'a self, state: &'a State) -> Camera<'a> {
         Camera {
             rays: self.rays(&state.extinction),
-            voxels: &self.scene.medium.extinction.grid,
             sun: self.scene.sun.towards(),
             sun_depths: &state.sun_depths,
             surroundings: &self.surroundings,

@@ -7,17 +7,22 @@
 use super::lattice::{Lattice, index};
 use super::quadrature::{Quadrature, degrees, degrees_of};
 use crate::grid::Grid;
-use crate::optics::{Scattering, VoxelMoments};
+use crate::optics::{PhaseFunction, Scattering};
+use rayon::prelude::*;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// Optics by slot; a single row of a uniform medium serves all.
 #[derive(Debug)]
 pub(super) struct Optics {
-    scattering: Scattering,
     harmonics: usize,
     /// Scattered light over extinction, `[row][harmonic]`, without the peak.
     scattered: Vec<f32>,
     /// Extinction without the peak over extinction, by row.
     kept: Vec<f32>,
+    /// The phase functions that light is scattered by in some cell.
+    phase_functions: Vec<PhaseFunction>,
+    /// Their numbers and how much of the extinction scatters by each, by row.
+    shares: Vec<Vec<(usize, f64)>>,
 }
 
 impl Optics {
@@ -31,23 +36,39 @@ impl Optics {
             Scattering::Uniform { .. } => lattice.len().min(1),
             Scattering::Droplets { .. } => lattice.len(),
         };
-        let (harmonics, count) = (quadrature.harmonics, quadrature.degrees);
-        let (mut scattered, mut kept) = (Vec::new(), Vec::new());
-        let of_voxels = VoxelMoments::new(scattering, count + 1);
-        for row in 0..rows {
+        let of_voxels = |row: usize| {
             let corners = lattice.voxels_of(row);
-            let mut moments = vec![0.0; count + 1];
+            let mut shares = BTreeMap::new();
             for voxel in corners {
-                let here = of_voxels.at(index(voxels, *voxel as usize));
-                for (sum, moment) in moments.iter_mut().zip(here) {
-                    *sum += moment / corners.len() as f64;
+                for (number, share) in scattering.shares(index(voxels, *voxel as usize)) {
+                    *shares.entry(number).or_insert(0.0) += share / corners.len() as f64;
                 }
             }
-            let peak = moments[count];
-            kept.push((1.0 - peak) as f32);
-            scattered.extend(degrees(harmonics).map(|degree| (moments[degree] - peak) as f32));
+            shares.into_iter().filter(|(_, share)| *share > 0.0).collect::<Vec<_>>()
+        };
+        let mut shares: Vec<_> = (0..rows).map(of_voxels).collect();
+        let used: BTreeSet<usize> = shares.iter().flatten().map(|(number, _)| *number).collect();
+        let used: Vec<usize> = used.into_iter().collect();
+        for (number, _) in shares.iter_mut().flatten() {
+            *number = used.partition_point(|other| other < number);
         }
-        Self { scattering: scattering.clone(), harmonics, scattered, kept }
+        let all = scattering.phase_functions();
+        let phase_functions: Vec<PhaseFunction> = used.iter().map(|n| all[*n].clone()).collect();
+
+        let (harmonics, count) = (quadrature.harmonics, quadrature.degrees);
+        let moments: Vec<Vec<f64>> =
+            phase_functions.par_iter().map(|p| p.legendre_moments(count + 1)).collect();
+        let (mut scattered, mut kept) = (Vec::new(), Vec::new());
+        for row in &shares {
+            let moment = |degree: usize| -> f64 {
+                row.iter().map(|(number, share)| share * moments[*number][degree]).sum()
+            };
+            let peak = moment(count);
+            let low: Vec<f32> = (0..=count).map(|degree| (moment(degree) - peak) as f32).collect();
+            kept.push((1.0 - peak) as f32);
+            scattered.extend(degrees(harmonics).map(|degree| low[degree]));
+        }
+        Self { harmonics, scattered, kept, phase_functions, shares }
     }
 
     /// Scattered light over extinction, by harmonic.
@@ -62,24 +83,17 @@ impl Optics {
         self.kept[self.row(slot)]
     }
 
-    /// Light scattered by an angle of the given cosine over extinction (1/sr), the peak
-    /// and all.
-    pub(super) fn density(
-        &self,
-        voxels: &Grid,
-        lattice: &Lattice,
-        slot: usize,
-        cosine: f64,
-    ) -> f64 {
-        let at = |voxel: &u32| {
-            let collision = self.scattering.at(index(voxels, *voxel as usize));
-            collision.single_scattering_albedo * collision.density(cosine)
-        };
-        let corners = match self.scattering {
-            Scattering::Uniform { .. } => &lattice.voxels_of(slot)[..1],
-            Scattering::Droplets { .. } => lattice.voxels_of(slot),
-        };
-        corners.iter().map(at).sum::<f64>() / corners.len() as f64
+    /// The densities of all phase functions at a cosine, for [`Optics::density`].
+    pub(super) fn densities(&self, cosine: f64, into: &mut Vec<f64>) {
+        into.clear();
+        into.extend(self.phase_functions.iter().map(|function| function.density(cosine)));
+    }
+
+    /// Light scattered by the angle of the densities over extinction (1/sr), the peak and all.
+    #[inline]
+    pub(super) fn density(&self, slot: usize, densities: &[f64]) -> f64 {
+        let shares = self.shares[self.row(slot)].iter();
+        shares.map(|(number, share)| share * densities[*number]).sum()
     }
 
     fn row(&self, slot: usize) -> usize {

@@ -34,9 +34,10 @@ pub(super) struct Surroundings {
     /// Where the cloud's shadow is looked at, and where its light is.
     shadow: SurfacePoints,
     lit: SurfacePoints,
-    /// By octant that light rises in, [`rising`]: where each face's light comes from, in the order
-    /// of [`each_face`].
-    feet: [Vec<Foot>; 4],
+    /// By octant, [`number`]: what the air sends in through each face, in the order of
+    /// [`each_face`], and where the rest comes from, where light rises.
+    air: [Vec<f32>; 8],
+    feet: [Vec<Foot>; 8],
     /// Irradiance of the surface by the air, that the cells leave to be subtracted.
     unclouded: Vec<f32>,
 }
@@ -86,14 +87,15 @@ impl Surroundings {
             sun,
             shadow: shadow_points(lattice, sun, surface.altitude),
             lit: lit_points(lattice, surface.altitude),
+            air: Default::default(),
             feet: Default::default(),
             unclouded: Vec::new(),
         };
-        if surroundings.lit_points() > 0 {
+        if !surroundings.is_dark() {
             for octant in &quadrature.octants {
-                if let Some(number) = rising(octant) {
-                    surroundings.feet[number] = surroundings.feet(lattice, octant);
-                }
+                let (air, feet) = surroundings.through_faces(lattice, octant);
+                surroundings.air[number(octant)] = air;
+                surroundings.feet[number(octant)] = feet;
             }
         }
         surroundings.unclouded = surroundings.unclouded(lattice, quadrature);
@@ -148,6 +150,20 @@ impl Surroundings {
 
     /// What a ray sees that meets no more cloud.
     pub(super) fn outside(&self, ray: &Ray, on_surface: OnSurface) -> Outside {
+        let mut outside = self.unclouded_outside(ray);
+        if outside.sunlight != 0.0 {
+            let depth = self.shadow.interpolate(on_surface.shadow_depths, outside.foot);
+            outside.sunlight *= (-depth).exp();
+        }
+        if outside.share != 0.0 && !on_surface.irradiance.is_empty() {
+            let irradiance = self.lit.interpolate(on_surface.irradiance, outside.foot);
+            outside.cloud = outside.share * irradiance;
+        }
+        outside
+    }
+
+    /// What a ray would see without a cloud.
+    fn unclouded_outside(&self, ray: &Ray) -> Outside {
         let rise = ray.direction.z;
         let above = self.sky.above(ray.origin.z);
         if rise >= 0.0 {
@@ -160,21 +176,15 @@ impl Surroundings {
         if self.surface.is_black() {
             return Outside { air, ..Outside::default() };
         }
-        let foot = ray.at((ground - ray.origin.z) / rise);
         let passed = ((depth - above) / rise).exp();
         let reflectance = self.surface.reflectance(-ray.direction, self.sun) * self.sun.z;
-        let shade = depth / self.sun.z + self.shadow.interpolate(on_surface.shadow_depths, foot);
         let share = self.surface.albedo / PI * passed;
-        let cloud = match on_surface.irradiance {
-            [] => 0.0,
-            irradiance => share * self.lit.interpolate(irradiance, foot),
-        };
         Outside {
             air: air + share * self.sky.irradiance,
-            sunlight: passed * reflectance * (-shade).exp(),
-            cloud,
+            sunlight: passed * reflectance * (-depth / self.sun.z).exp(),
+            cloud: 0.0,
             share,
-            foot,
+            foot: ray.at((ground - ray.origin.z) / rise),
         }
     }
 
@@ -204,9 +214,12 @@ impl Surroundings {
         shadow_depths: &[f32],
     ) -> Faces {
         let mut faces = Faces::dark(lattice, octant);
-        let on_surface = OnSurface { shadow_depths, irradiance: &[] };
-        each_face(lattice, octant, |place, ray| {
-            *place.mean(&mut faces, octant) = self.outside(&ray, on_surface).radiance() as f32;
+        let mut air = self.air[number(octant)].iter();
+        let mut feet = self.feet[number(octant)].iter();
+        each_face(lattice, octant, |place, _| {
+            let air = air.next().expect("light of the air for each face and ordinate");
+            let sunlight = feet.next().map_or(0.0, |foot| foot.sunlight(shadow_depths));
+            *place.mean(&mut faces, octant) = air + sunlight;
         });
         faces
     }
@@ -221,17 +234,15 @@ impl Surroundings {
         leaving: &mut Faces,
         into: &mut [f64],
     ) {
-        if octant.signs[2] < 0.0 {
-            return;
-        }
         let spacing = lattice.grid.spacing;
-        let on_surface = OnSurface { shadow_depths, irradiance: &[] };
-        each_face(lattice, octant, |place, ray| {
+        let mut feet = self.feet[number(octant)].iter();
+        each_face(lattice, octant, |place, _| {
+            let Some(foot) = feet.next() else { return };
             let FacePlace { axis, ordinate, .. } = place;
             let adjoint = f64::from(*place.mean(leaving, octant) * octant.weights[ordinate]);
             let streaming = f64::from(octant.cosines[axis][ordinate]) / spacing[axis];
-            let Outside { sunlight, foot, .. } = self.outside(&ray, on_surface);
-            self.shadow.spread(into, foot, -adjoint * streaming * sunlight);
+            let sunlight = f64::from(foot.sunlight(shadow_depths));
+            foot.shadow.spread(into, -adjoint * streaming * sunlight);
         });
     }
 
@@ -244,13 +255,13 @@ impl Surroundings {
         irradiance: &[f32],
         faces: &mut Faces,
     ) {
-        let Some(number) = rising(octant).filter(|_| !irradiance.is_empty()) else { return };
-        let mut feet = self.feet[number].iter();
+        if irradiance.is_empty() || octant.signs[2] < 0.0 {
+            return;
+        }
+        let mut feet = self.feet[number(octant)].iter();
         each_face(lattice, octant, |place, _| {
             let foot = feet.next().expect("a foot for each face and ordinate");
-            let irradiance: f32 =
-                foot.points.iter().zip(foot.shares).map(|(i, w)| w * irradiance[*i as usize]).sum();
-            *place.mean(faces, octant) += (self.surface.albedo / PI) as f32 * irradiance;
+            *place.mean(faces, octant) += foot.share * foot.lit.interpolate(irradiance);
         });
     }
 
@@ -263,19 +274,20 @@ impl Surroundings {
         leaving: &mut Faces,
         irradiance: &mut [f64],
     ) {
-        let Some(number) = rising(opposite).filter(|_| !irradiance.is_empty()) else { return };
+        if irradiance.is_empty() || opposite.signs[2] < 0.0 {
+            return;
+        }
         let spacing = lattice.grid.spacing;
         let volume = spacing.x * spacing.y * spacing.z;
-        let mut feet = self.feet[number].iter();
+        let mut feet = self.feet[number(opposite)].iter();
         each_face(lattice, opposite, |place, _| {
             let FacePlace { axis, ordinate, .. } = place;
             let foot = feet.next().expect("a foot for each face and ordinate");
             let cosine = f64::from(opposite.cosines[axis][ordinate]);
             let section = cosine * volume / spacing[axis] / self.lit.area();
             let radiance = f64::from(*place.mean(leaving, opposite) * opposite.weights[ordinate]);
-            for (point, share) in foot.points.iter().zip(foot.shares) {
-                irradiance[*point as usize] += section * radiance * f64::from(share);
-            }
+            let passed = PI / self.surface.albedo * f64::from(foot.share);
+            foot.lit.spread(irradiance, section * radiance * passed);
         });
     }
 
@@ -296,16 +308,15 @@ impl Surroundings {
     fn unclouded(&self, lattice: &Lattice, quadrature: &Quadrature) -> Vec<f32> {
         let mut sum = vec![0.0; self.lit_points()];
         if !sum.is_empty() && !self.sky.is_empty() {
-            for (number, octant) in quadrature.octants.iter().enumerate() {
+            for (index, octant) in quadrature.octants.iter().enumerate() {
                 if octant.signs[2] > 0.0 {
                     continue;
                 }
-                let opposite = &quadrature.octants[7 - number];
+                let opposite = &quadrature.octants[7 - index];
                 let mut leaving = Faces::dark(lattice, octant);
                 each_face(lattice, opposite, |place, ray| {
                     let back = Ray { direction: -ray.direction, ..ray };
-                    let nothing = OnSurface { shadow_depths: &[], irradiance: &[] };
-                    let sky = self.outside(&back, nothing).radiance();
+                    let sky = self.unclouded_outside(&back).radiance();
                     *place.mean(&mut leaving, octant) = -sky as f32;
                 });
                 self.add_irradiance(lattice, opposite, &mut leaving, &mut sum);
@@ -314,34 +325,82 @@ impl Surroundings {
         sum.into_iter().map(|value| value as f32).collect()
     }
 
-    /// Where the light that comes in through each face in an octant is from.
-    fn feet(&self, lattice: &Lattice, octant: &Octant) -> Vec<Foot> {
-        let mut feet = Vec::new();
+    /// What the air sends in through each face in an octant, and where the rest comes from.
+    fn through_faces(&self, lattice: &Lattice, octant: &Octant) -> (Vec<f32>, Vec<Foot>) {
+        let (mut air, mut feet) = (Vec::new(), Vec::new());
         each_face(lattice, octant, |_, ray| {
-            let distance = (self.surface.altitude - ray.origin.z) / ray.direction.z;
-            let passed = self.sky.transmittance(&ray, 0.0, distance);
-            let around = self.lit.around(ray.at(distance));
-            feet.push(Foot {
-                points: around.map(|(point, _)| point as u32),
-                shares: around.map(|(_, weight)| (weight * passed) as f32),
-            });
+            let outside = self.unclouded_outside(&ray);
+            air.push(outside.air as f32);
+            if ray.direction.z < 0.0 {
+                feet.push(Foot {
+                    unshaded: outside.sunlight as f32,
+                    share: outside.share as f32,
+                    shadow: Corners::new(&self.shadow, outside.foot),
+                    lit: Corners::new(&self.lit, outside.foot),
+                });
+            }
         });
-        feet
+        (air, feet)
     }
 }
 
-/// The points of the surface around the place that a ray comes from, and the share of the light of
-/// each that arrives through the air.
+/// The place on the surface that a ray through a face comes from, and what comes from there.
 #[derive(Debug, Clone, Copy)]
 struct Foot {
-    points: [u32; 4],
-    shares: [f32; 4],
+    /// Sunlight where no cloud shades it.
+    unshaded: f32,
+    /// Share of the cloud's irradiance that arrives as radiance.
+    share: f32,
+    shadow: Corners,
+    lit: Corners,
 }
 
-/// The number of an octant among the four in which light rises.
-fn rising(octant: &Octant) -> Option<usize> {
-    let [east, north, up] = octant.signs.map(|sign| sign > 0.0);
-    up.then_some(usize::from(east) + 2 * usize::from(north))
+impl Foot {
+    /// Sunlight in the shadow of a cloud.
+    #[inline]
+    fn sunlight(&self, shadow_depths: &[f32]) -> f32 {
+        if self.unshaded == 0.0 {
+            return 0.0;
+        }
+        self.unshaded * (-self.shadow.interpolate(shadow_depths)).exp()
+    }
+}
+
+/// The four points of the surface around a place, and their weights.
+#[derive(Debug, Clone, Copy)]
+struct Corners {
+    points: [u32; 4],
+    weights: [f32; 4],
+}
+
+impl Corners {
+    fn new(points: &SurfacePoints, place: DVec3) -> Self {
+        let around = points.around(place);
+        Self {
+            points: around.map(|(point, _)| point as u32),
+            weights: around.map(|(_, weight)| weight as f32),
+        }
+    }
+
+    /// A quantity of the points at the place.
+    #[inline]
+    fn interpolate(&self, values: &[f32]) -> f32 {
+        self.points.iter().zip(self.weights).map(|(i, w)| w * values[*i as usize]).sum()
+    }
+
+    /// The transpose of [`Corners::interpolate`].
+    #[inline]
+    fn spread(&self, into: &mut [f64], value: f64) {
+        for (point, weight) in self.points.iter().zip(self.weights) {
+            into[*point as usize] += value * f64::from(weight);
+        }
+    }
+}
+
+/// The number of an octant by the signs of its directions.
+fn number(octant: &Octant) -> usize {
+    let [east, north, up] = octant.signs.map(|sign| usize::from(sign > 0.0));
+    east + 2 * north + 4 * up
 }
 
 /// A face of the grid, and a direction.
