@@ -9,11 +9,13 @@ use crate::scene::Boundary;
 use pulp::Simd;
 use rayon::prelude::*;
 
-/// Octants whose moments are added in one array; the others have arrays of their own, on
-/// other threads.
+/// Octants whose moments are added in one array, those that differ in x alone; the others have
+/// arrays of their own, on other threads.
 const TOGETHER: usize = 2;
 /// Directions kept by the iteration before it starts anew.
 const RESTART: usize = 8;
+/// Numbers of long arrays that are worked on at a time.
+const PIECE: usize = 4096;
 
 /// The diffuse radiance: its moments in the active cells, between periodic sides what comes
 /// in through them, and what falls on the surface.
@@ -48,6 +50,21 @@ pub(super) struct Origin<'a> {
     pub(super) outside: &'a [Faces],
     /// What falls on the surface besides; empty if nothing does.
     pub(super) irradiance: &'a [f32],
+}
+
+/// Large arrays that every sweep needs, kept from one to the next.
+struct Room {
+    /// `[slot][4][harmonic]`.
+    source: Vec<f32>,
+    /// For octants that are swept on different threads.
+    parts: Vec<Moments>,
+}
+
+impl Room {
+    fn new(length: usize) -> Self {
+        let parts = (0..8 / TOGETHER).map(|_| Moments { values: vec![0.0; length] }).collect();
+        Self { source: vec![0.0; length], parts }
+    }
 }
 
 impl Transport<'_> {
@@ -89,9 +106,8 @@ impl Transport<'_> {
     }
 
     /// The light that moments of radiance scatter: a source by cell.
-    pub(super) fn scatter(&self, moments: &[f32]) -> Vec<f32> {
+    fn scatter(&self, moments: &[f32], source: &mut [f32]) {
         let count = self.quadrature.harmonics;
-        let mut source = vec![0.0; moments.len()];
         let cells = source.par_chunks_mut(4 * count).zip(moments.par_chunks(4 * count));
         cells.enumerate().for_each(|(slot, (source, moments))| {
             let by = self.rays.optics.scattered(slot);
@@ -107,20 +123,23 @@ impl Transport<'_> {
                 *value = by[h] * (mean * row(0)[h] + x * row(1)[h] + y * row(2)[h] + z * row(3)[h]);
             }
         });
-        source
     }
 
-    /// The radiance of a source, with what came in through the sides and from the surface;
-    /// and what comes in next.
-    fn sweep(&self, source: &[f32], origin: Origin, field: &Field) -> Field {
+    /// The radiance of the source in the room, with what came in through the sides and from the
+    /// surface; and what comes in next.
+    fn sweep(&self, room: &mut Room, origin: Origin, field: &Field) -> Field {
         let octants: Vec<(usize, &Octant)> = self.quadrature.octants.iter().enumerate().collect();
-        let together = |octants: &[(usize, &Octant)]| {
-            let mut moments = Moments { values: vec![0.0; source.len()] };
+        let Room { source, parts } = room;
+        let together = |(octants, moments): (&[(usize, &Octant)], &mut Moments)| {
+            moments.values.fill(0.0);
             let mut sides = Vec::new();
             let mut irradiance = vec![0.0; field.irradiance.len()];
+            let mut ways = Vec::new();
             for (number, octant) in octants {
-                let mut faces = self.incoming(field, origin.outside, *number, octant);
-                sweep(self.medium(), octant, source, &mut faces, &mut moments);
+                ways.push((*octant, self.incoming(field, origin.outside, *number, octant)));
+            }
+            sweep(self.medium(), &mut ways, source, moments);
+            for ((number, _), (_, mut faces)) in octants.iter().zip(ways) {
                 let opposite = &self.quadrature.octants[7 - number];
                 let lattice = self.lattice();
                 self.surroundings.add_irradiance(lattice, opposite, &mut faces, &mut irradiance);
@@ -128,26 +147,34 @@ impl Transport<'_> {
                     sides.push(only_sides(faces));
                 }
             }
-            let irradiance = irradiance.into_iter().map(|value| value as f32).collect();
-            Field { moments: moments.values, sides, irradiance }
+            (sides, irradiance)
         };
-        let parts: Vec<Field> = octants.par_chunks(TOGETHER).map(together).collect();
-        let mut parts = parts.into_iter();
-        let mut whole = parts.next().expect("eight octants");
-        for part in parts {
-            add_to(&mut whole.moments, &part.moments);
-            add_to(&mut whole.irradiance, &part.irradiance);
-            whole.sides.extend(part.sides);
+        let ways = octants.par_chunks(TOGETHER).zip(parts.par_iter_mut());
+        let mut whole = Field {
+            moments: vec![0.0; source.len()],
+            sides: Vec::new(),
+            irradiance: origin.irradiance.to_vec(),
+        };
+        whole.irradiance.resize(field.irradiance.len(), 0.0);
+        for (sides, irradiance) in ways.map(together).collect::<Vec<_>>() {
+            whole.sides.extend(sides);
+            let pairs = whole.irradiance.iter_mut().zip(irradiance);
+            pairs.for_each(|(sum, value)| *sum += value as f32);
         }
-        add_to(&mut whole.irradiance, origin.irradiance);
+        let pieces = whole.moments.par_chunks_mut(PIECE).enumerate();
+        pieces.for_each(|(number, sums)| {
+            for part in parts.iter() {
+                let values = &part.values[number * PIECE..][..sums.len()];
+                sums.iter_mut().zip(values).for_each(|(sum, value)| *sum += value);
+            }
+        });
         whole
     }
 
     /// The light that is scattered and that of the origin.
-    fn source(&self, field: &Field, origin: Origin) -> Vec<f32> {
-        let mut source = self.scatter(&field.moments);
+    fn source(&self, field: &Field, origin: Origin, source: &mut [f32]) {
+        self.scatter(&field.moments, source);
         source.par_iter_mut().zip(origin.own).for_each(|(sum, value)| *sum += value);
-        source
     }
 
     /// The radiance of an origin that is scattered on and on, from a first guess, and the
@@ -160,9 +187,11 @@ impl Transport<'_> {
         tolerance: f64,
         most_sweeps: usize,
     ) -> (Field, usize) {
+        let mut room = Room::new(field.moments.len());
         let mut sweeps = 0;
         loop {
-            let next = self.sweep(&self.source(&field, origin), origin, &field);
+            self.source(&field, origin, &mut room.source);
+            let next = self.sweep(&mut room, origin, &field);
             sweeps += 1;
             let mut change = next.clone();
             change.add(-1.0, &field);
@@ -170,13 +199,13 @@ impl Transport<'_> {
             if size <= wanted || sweeps >= most_sweeps {
                 return (next, sweeps);
             }
-            sweeps += self.correct(&mut field, change, wanted);
+            sweeps += self.correct(&mut room, &mut field, change, wanted);
         }
     }
 
     /// Add to a field the combination of [`RESTART`] directions that leaves least of its
     /// change in a sweep; the number of sweeps that this takes.
-    fn correct(&self, field: &mut Field, mut change: Field, wanted: f64) -> usize {
+    fn correct(&self, room: &mut Room, field: &mut Field, mut change: Field, wanted: f64) -> usize {
         let size = change.norm();
         change.scale(1.0 / size);
         let mut directions = vec![change];
@@ -185,15 +214,11 @@ impl Transport<'_> {
         let mut left = vec![size];
         for number in 0..RESTART {
             let direction = &directions[number];
-            let mut image = direction.clone();
-            let scattered = self.scatter(&direction.moments);
-            image.add(-1.0, &self.sweep(&scattered, Origin::default(), direction));
-            let mut column = Vec::new();
-            for direction in &directions {
-                let along = image.dot(direction);
-                image.add(-along, direction);
-                column.push(along);
-            }
+            self.scatter(&direction.moments, &mut room.source);
+            let mut image = self.sweep(room, Origin::default(), direction);
+            image.combine(-1.0, 1.0, direction);
+            let mut column: Vec<f64> = directions.iter().map(|other| image.dot(other)).collect();
+            image.take_away(&column, &directions);
             let norm = image.norm();
             for (row, (cosine, sine)) in rotations.iter().enumerate() {
                 let (a, b) = (column[row], column[row + 1]);
@@ -233,20 +258,25 @@ impl Transport<'_> {
     ) -> (Vec<[f32; 4]>, Vec<Faces>) {
         let slots = self.lattice().len();
         let octants: Vec<(usize, &Octant)> = self.quadrature.octants.iter().enumerate().collect();
-        let sources = [self.source(forward, origin), self.source(adjoint, adjoint_origin)];
+        let sources = [(forward, origin), (adjoint, adjoint_origin)].map(|(field, origin)| {
+            let mut source = vec![0.0; field.moments.len()];
+            self.source(field, origin, &mut source);
+            source
+        });
         let together = |octants: &[(usize, &Octant)]| {
             let mut products = vec![[0.0; 4]; slots];
             let mut leaving = Vec::new();
             for (number, octant) in octants {
                 let mut radiance = Radiance { values: vec![0.0; slots * 4 * octant.ordinates] };
-                let mut faces = self.incoming(forward, origin.outside, *number, octant);
-                sweep(self.medium(), octant, &sources[0], &mut faces, &mut radiance);
+                let faces = self.incoming(forward, origin.outside, *number, octant);
+                sweep(self.medium(), &mut [(octant, faces)], &sources[0], &mut radiance);
                 let opposite = 7 - number;
                 let other = &self.quadrature.octants[opposite];
-                let mut faces = self.incoming(adjoint, adjoint_origin.outside, opposite, other);
+                let faces = self.incoming(adjoint, adjoint_origin.outside, opposite, other);
                 let mut visit = Products { radiance: &radiance.values, sums: &mut products };
-                sweep(self.medium(), other, &sources[1], &mut faces, &mut visit);
-                leaving.push(faces);
+                let mut way = [(other, faces)];
+                sweep(self.medium(), &mut way, &sources[1], &mut visit);
+                leaving.extend(way.map(|(_, faces)| faces));
             }
             (products, leaving)
         };
@@ -261,11 +291,6 @@ impl Transport<'_> {
         }
         (sums, leaving)
     }
-}
-
-/// Add one array to another.
-fn add_to(sums: &mut [f32], values: &[f32]) {
-    sums.par_iter_mut().zip(values).for_each(|(sum, value)| *sum += value);
 }
 
 /// Only what leaves through the sides comes in again.
@@ -315,9 +340,29 @@ impl Field {
 
     /// Add `factor` times another field.
     fn add(&mut self, factor: f64, other: &Self) {
-        let factor = factor as f32;
+        self.combine(1.0, factor, other);
+    }
+
+    /// Become so many times itself and so many times another field.
+    fn combine(&mut self, own: f64, factor: f64, other: &Self) {
+        let (own, factor) = (own as f32, factor as f32);
         for (into, values) in self.parts_mut().zip(other.parts()) {
-            into.par_iter_mut().zip(values).for_each(|(into, value)| *into += factor * value);
+            into.par_iter_mut().zip(values).for_each(|(v, o)| *v = own * *v + factor * o);
+        }
+    }
+
+    /// Take away each of some fields so many times, piece by piece: the pieces stay in the cache.
+    fn take_away(&mut self, times: &[f64], fields: &[Self]) {
+        let mut others: Vec<_> = fields.iter().map(Self::parts).collect();
+        for part in self.parts_mut() {
+            let others: Vec<&[f32]> =
+                others.iter_mut().map(|parts| parts.next().expect("fields alike")).collect();
+            part.par_chunks_mut(PIECE).enumerate().for_each(|(number, into)| {
+                for (values, times) in others.iter().zip(times) {
+                    let values = &values[number * PIECE..][..into.len()];
+                    into.iter_mut().zip(values).for_each(|(v, o)| *v -= *times as f32 * o);
+                }
+            });
         }
     }
 

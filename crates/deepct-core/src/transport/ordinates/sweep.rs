@@ -53,65 +53,94 @@ pub(super) trait Visit {
     fn cell<S: Simd>(&mut self, simd: S, octant: &Octant, slot: usize, radiance: &[f32]);
 }
 
-/// Sweep an octant: `source` is `[slot][4][harmonic]`, `faces` what flows in and, after
-/// the call, what flows out.
+/// Sweep octants whose light goes the same way along y and z, row of cells by row: what a row
+/// holds is then in the cache for all of them. `source` is `[slot][4][harmonic]`; with each
+/// octant comes what flows in through the faces and, after the call, what flows out.
 pub(super) fn sweep<V: Visit>(
     medium: Medium,
-    octant: &Octant,
+    octants: &mut [(&Octant, Faces)],
     source: &[f32],
-    faces: &mut Faces,
     visit: &mut V,
 ) {
-    Arch::new().dispatch(Sweep { medium, octant, source, faces, visit });
+    Arch::new().dispatch(Sweep { medium, octants, source, visit });
 }
 
-struct Sweep<'a, V> {
+struct Sweep<'a, 'b, V> {
     medium: Medium<'a>,
-    octant: &'a Octant,
+    octants: &'a mut [(&'b Octant, Faces)],
     source: &'a [f32],
-    faces: &'a mut Faces,
     visit: &'a mut V,
 }
 
-impl<V: Visit> WithSimd for Sweep<'_, V> {
+impl<V: Visit> WithSimd for Sweep<'_, '_, V> {
     type Output = ();
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        let Self { medium, octant, source, faces, visit } = self;
+        let Self { medium, octants, source, visit } = self;
         let lattice = medium.lattice;
-        let [nz, ny, nx] = lattice.grid.shape;
-        let [forward_x, forward_y, forward_z] = octant.signs.map(|sign| sign > 0.0);
-        let face = 3 * octant.ordinates;
-        let harmonics = octant.to_moments.len() / octant.ordinates;
-        let constants = Constants::new(simd, octant, lattice);
-        let mut cell_source = vec![0.0; 4 * octant.ordinates];
-        let mut radiance = vec![0.0; 4 * octant.ordinates];
+        let [nz, ny, _] = lattice.grid.shape;
+        let Some((first, _)) = octants.first() else { return };
+        let [_, forward_y, forward_z] = first.signs.map(|sign| sign > 0.0);
+        let constants: Vec<_> =
+            octants.iter().map(|(octant, _)| Constants::new(simd, octant, lattice)).collect();
+        let mut room = vec![0.0; 8 * first.ordinates];
         for step_z in 0..nz {
             let k = if forward_z { step_z } else { nz - 1 - step_z };
             for step_y in 0..ny {
                 let j = if forward_y { step_y } else { ny - 1 - step_y };
-                let x_face = &mut faces.x[(k * ny + j) * face..][..face];
-                for step_x in 0..nx {
-                    let i = if forward_x { step_x } else { nx - 1 - step_x };
-                    let y_face = &mut faces.y[(k * nx + i) * face..][..face];
-                    let z_face = &mut faces.z[(j * nx + i) * face..][..face];
-                    let Some(slot) = lattice.slot((k * ny + j) * nx + i) else {
-                        constants.empty(simd, [&mut *x_face, y_face, z_face]);
-                        continue;
-                    };
-                    let moments = &source[slot * 4 * harmonics..][..4 * harmonics];
-                    to_ordinates(simd, octant, moments, &mut cell_source);
-                    constants.solve(
-                        simd,
-                        medium.extinction[slot],
-                        &cell_source,
-                        [&mut *x_face, y_face, z_face],
-                        &mut radiance,
-                    );
-                    visit.cell(simd, octant, slot, &radiance);
+                for ((octant, faces), constants) in octants.iter_mut().zip(&constants) {
+                    let row = Row { medium, octant, source, k, j };
+                    row.sweep(simd, constants, faces, &mut room, visit);
                 }
             }
+        }
+    }
+}
+
+/// A row of cells in an octant.
+struct Row<'a> {
+    medium: Medium<'a>,
+    octant: &'a Octant,
+    source: &'a [f32],
+    k: usize,
+    j: usize,
+}
+
+impl Row<'_> {
+    #[inline(always)]
+    fn sweep<S: Simd, V: Visit>(
+        &self,
+        simd: S,
+        constants: &Constants<S>,
+        faces: &mut Faces,
+        room: &mut [f32],
+        visit: &mut V,
+    ) {
+        let Self { medium, octant, source, k, j } = *self;
+        let [_, ny, nx] = medium.lattice.grid.shape;
+        let face = 3 * octant.ordinates;
+        let harmonics = octant.to_moments.len() / octant.ordinates;
+        let (cell_source, radiance) = room.split_at_mut(4 * octant.ordinates);
+        let x_face = &mut faces.x[(k * ny + j) * face..][..face];
+        for step_x in 0..nx {
+            let i = if octant.signs[0] > 0.0 { step_x } else { nx - 1 - step_x };
+            let y_face = &mut faces.y[(k * nx + i) * face..][..face];
+            let z_face = &mut faces.z[(j * nx + i) * face..][..face];
+            let Some(slot) = medium.lattice.slot((k * ny + j) * nx + i) else {
+                constants.empty(simd, [&mut *x_face, y_face, z_face]);
+                continue;
+            };
+            let moments = &source[slot * 4 * harmonics..][..4 * harmonics];
+            to_ordinates(simd, octant, moments, cell_source);
+            constants.solve(
+                simd,
+                medium.extinction[slot],
+                cell_source,
+                [&mut *x_face, y_face, z_face],
+                radiance,
+            );
+            visit.cell(simd, octant, slot, radiance);
         }
     }
 }
