@@ -17,6 +17,7 @@ import re
 import shlex
 import shutil
 import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from string import Template
@@ -212,9 +213,9 @@ def field(bench: Bench, name: str, columns: int) -> Field:
     whole = column(bench.experiment(f"whole-{place}", "test-clouds.toml", *settings), "relative_error")
 
     def compare(out: Path) -> None:
-        script = ["python3", HERE / "field_clouds.py", *files]
+        script = [sys.executable, HERE / "field_clouds.py", *files]
         options = ["--weights", name, "--program", bench.program]
-        print(shlex.join(map(str, [*script[:2], "...", *options[:2]])), flush=True)
+        print(f"python3 benches/field_clouds.py {folder}/samples/*.nc --weights {name}", flush=True)
         text = subprocess.run(
             [*map(str, [*script, *options])], check=True, stdout=subprocess.PIPE, text=True
         ).stdout
