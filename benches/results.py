@@ -61,8 +61,7 @@ class Bench:
         """What a command of the program prints."""
         words = [str(argument) for argument in arguments]
         print("deepct", shlex.join(words), flush=True)
-        command = [str(self.program), "-q", *words]
-        return subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout
+        return output([str(self.program), "-q", *words])
 
     def made(self, name: str, make: Callable[[Path], object]) -> Path:
         """A file or folder of the work, made now unless it was."""
@@ -120,6 +119,14 @@ def main() -> None:
         pictures=pictures(bench, ways["cloudct-10"]),
     )
     (DOCS / "results.md").write_text(page)
+
+
+def output(command: list[str]) -> str:
+    """What a command prints."""
+    done = subprocess.run(command, stdout=subprocess.PIPE, text=True)
+    if done.returncode != 0:
+        raise SystemExit(f"{Path(command[0]).name} failed, see above; the same call goes on here")
+    return done.stdout
 
 
 def column(results: list[dict], key: str, way: str = "network") -> np.ndarray:
@@ -196,7 +203,8 @@ def compared(ways: dict[str, list[dict]]) -> str:
     rows = [["D over C", "epsilon (bar 1.10)", "time (bar 0.20)"]]
     for name, views in NETWORKS.items():
         ratios = [
-            column(ways[name], key, "quick-hybrid").mean() / column(ways[name], key, "hybrid").mean()
+            column(ways[name], key, "quick-hybrid").mean()
+            / column(ways[name], key, "hybrid").mean()
             for key in ("relative_error", "seconds")
         ]
         rows.append([views, *(f"{ratio:.3f}" for ratio in ratios)])
@@ -210,16 +218,15 @@ def field(bench: Bench, name: str, columns: int) -> Field:
     folder = bench.samples(place, "bomex-fields.toml", *choice)
     files = sorted((folder / "samples").glob("*.nc"))
     settings = [f"dataset={folder}", f"weights={name}", f"samples={len(files)}"]
-    whole = column(bench.experiment(f"whole-{place}", "test-clouds.toml", *settings), "relative_error")
+    whole = column(
+        bench.experiment(f"whole-{place}", "test-clouds.toml", *settings), "relative_error"
+    )
 
     def compare(out: Path) -> None:
         script = [sys.executable, HERE / "field_clouds.py", *files]
         options = ["--weights", name, "--program", bench.program]
         print(f"python3 benches/field_clouds.py {folder}/samples/*.nc --weights {name}", flush=True)
-        text = subprocess.run(
-            [*map(str, [*script, *options])], check=True, stdout=subprocess.PIPE, text=True
-        ).stdout
-        out.write_text(text)
+        out.write_text(output([str(word) for word in [*script, *options]]))
 
     told = bench.made(f"clouds-{place}.txt", compare).read_text()
     found = re.search(r"(\d+) clouds: ([\d.]+) alone, ([\d.]+) in the field", told)
