@@ -123,6 +123,8 @@ impl DropletTable {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::optics::Scattering;
+    use std::sync::Arc;
 
     fn table() -> DropletTable {
         let node = |effective_radius, extinction_per_water, single_scattering_albedo, asymmetry| {
@@ -180,6 +182,21 @@ mod tests {
         let [a, b] = [1, 2].map(|node| table.nodes()[node].phase_function.sample(0.5));
         assert!((collision.sample(0.125) - b).abs() < 1e-12);
         assert!((collision.sample(0.625) - a).abs() < 1e-12);
+    }
+
+    #[test]
+    fn shares_are_what_a_collision_does() {
+        let effective_radius = ndarray::array![[[5.0, 7.0, 15.0, 30.0]]];
+        let scattering = Scattering::Droplets { effective_radius, table: Arc::new(table()) };
+        let functions = scattering.phase_functions();
+        for i in 0..4 {
+            let collision = scattering.at([0, 0, i]);
+            let shares = scattering.shares([0, 0, i]);
+            let density: f64 =
+                shares.iter().map(|(n, share)| share * functions[*n].density(0.3)).sum();
+            let expected = collision.single_scattering_albedo * collision.density(0.3);
+            assert!((density - expected).abs() < 1e-12, "{i}: {density} {expected}");
+        }
     }
 
     #[test]

@@ -74,3 +74,34 @@ impl SurfacePoints {
         }
     }
 }
+
+/// The four points around a place, and their weights, kept for when they are needed again.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Corners {
+    points: [u32; 4],
+    weights: [f32; 4],
+}
+
+impl Corners {
+    pub(super) fn new(points: &SurfacePoints, place: DVec3) -> Self {
+        let around = points.around(place);
+        Self {
+            points: around.map(|(point, _)| point as u32),
+            weights: around.map(|(_, weight)| weight as f32),
+        }
+    }
+
+    /// A quantity of the points at the place.
+    #[inline]
+    pub(super) fn interpolate(&self, values: &[f32]) -> f32 {
+        self.points.iter().zip(self.weights).map(|(i, w)| w * values[*i as usize]).sum()
+    }
+
+    /// The transpose of [`Corners::interpolate`].
+    #[inline]
+    pub(super) fn spread(&self, into: &mut [f64], value: f64) {
+        for (point, weight) in self.points.iter().zip(self.weights) {
+            into[*point as usize] += value * f64::from(weight);
+        }
+    }
+}

@@ -11,7 +11,7 @@ use super::beam::{PARTS, Rays, add_all};
 use super::lattice::Lattice;
 use super::quadrature::{Octant, Quadrature};
 use super::sky::Sky;
-use super::surface_points::SurfacePoints;
+use super::surface_points::{Corners, SurfacePoints};
 use super::sweep::Faces;
 use crate::math::{DVec3, Ray};
 use crate::scene::{Boundary, Scene, Surface};
@@ -363,37 +363,6 @@ impl Foot {
             return 0.0;
         }
         self.unshaded * (-self.shadow.interpolate(shadow_depths)).exp()
-    }
-}
-
-/// The four points of the surface around a place, and their weights.
-#[derive(Debug, Clone, Copy)]
-struct Corners {
-    points: [u32; 4],
-    weights: [f32; 4],
-}
-
-impl Corners {
-    fn new(points: &SurfacePoints, place: DVec3) -> Self {
-        let around = points.around(place);
-        Self {
-            points: around.map(|(point, _)| point as u32),
-            weights: around.map(|(_, weight)| weight as f32),
-        }
-    }
-
-    /// A quantity of the points at the place.
-    #[inline]
-    fn interpolate(&self, values: &[f32]) -> f32 {
-        self.points.iter().zip(self.weights).map(|(i, w)| w * values[*i as usize]).sum()
-    }
-
-    /// The transpose of [`Corners::interpolate`].
-    #[inline]
-    fn spread(&self, into: &mut [f64], value: f64) {
-        for (point, weight) in self.points.iter().zip(self.weights) {
-            into[*point as usize] += value * f64::from(weight);
-        }
     }
 }
 
