@@ -1,11 +1,12 @@
 #!/usr/bin/env python3
-"""Measure what docs/results.md tells, and write it.
+"""Measure what docs/results.md tells, and write it by results_template.md.
 
     python3 benches/results.py --simulations FOLDER --rico rico32_cloud.nc --work FOLDER \
         [--program target/release/deepct]
 
 The simulations are those of `recipes/bomex-test.toml`. Work that is there already is kept, so that
-a run that was stopped goes on. The page and its pictures go to docs. Needs numpy, scipy, xarray and
+a run that was stopped goes on: another program or network wants another folder. The page and its
+pictures go to docs. Needs numpy, scipy, xarray and
 h5netcdf.
 """
 
@@ -106,7 +107,7 @@ def main() -> None:
             fields[name, columns] = field(bench, name, columns)
         rico[name] = rico_error(bench, name, plain=False)
     rico["plain"] = rico_error(bench, "cloudct-10", plain=True)
-    page = Template((HERE / "results.md").read_text()).substitute(
+    page = Template((HERE / "results_template.md").read_text()).substitute(
         networks=network_table(isolated),
         depths=depth_table(isolated),
         expected=expected(isolated),
