@@ -69,7 +69,7 @@ pub(crate) struct SolverSettings {
     zenith_angles: usize,
     coarse_zenith_angles: usize,
     tolerance: f64,
-    rays_per_side: usize,
+    rays_per_pixel: usize,
 }
 
 impl SolverSettings {
@@ -83,7 +83,7 @@ impl SolverSettings {
         OrdinatesSettings {
             zenith_angles,
             tolerance: self.tolerance,
-            rays_per_side: self.rays_per_side,
+            rays_per_pixel: self.rays_per_pixel,
             ..Default::default()
         }
     }

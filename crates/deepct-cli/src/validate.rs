@@ -20,6 +20,9 @@ pub(crate) struct Args {
     /// mie_water_672nm.nc, for more of the suite mie
     #[arg(long, value_name = "DIR")]
     reference: Option<PathBuf>,
+    /// Folder where the suite clouds keeps its Monte Carlo images, to be found there again
+    #[arg(long, value_name = "DIR")]
+    cache: Option<PathBuf>,
     /// Twenty-five times the work or more, for a noise of 1e-3 of the values or less
     #[arg(long)]
     long: bool,
@@ -45,6 +48,9 @@ enum Choice {
     Mie,
     /// A simulated cumulus; needs --reference
     Rico,
+    /// The deterministic solver on whole clouds, against the Monte Carlo solver; more clouds with
+    /// --reference
+    Clouds,
     /// All of them; rico if --reference is given
     All,
 }
@@ -59,6 +65,7 @@ impl Choice {
             Self::Step => vec![Suite::Step],
             Self::Mie => vec![Suite::Mie],
             Self::Rico => vec![Suite::Rico],
+            Self::Clouds => vec![Suite::Clouds],
             Self::All => {
                 Suite::ALL.into_iter().filter(|suite| reference || *suite != Suite::Rico).collect()
             }
@@ -78,7 +85,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
         println!("{HEADER}");
     }
     for suite in args.suite.suites(args.reference.is_some()) {
-        validate(suite, effort, args.reference.as_deref(), &mut |row| {
+        validate(suite, effort, args.reference.as_deref(), args.cache.as_deref(), &mut |row| {
             if !args.json {
                 println!("{}", line(&row));
             }

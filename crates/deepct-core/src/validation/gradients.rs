@@ -86,7 +86,7 @@ impl Case {
         let settings = OrdinatesSettings {
             zenith_angles: self.zenith_angles,
             tolerance: TOLERANCE,
-            rays_per_side: 1,
+            rays_per_pixel: 1,
             ..Default::default()
         };
         OrdinatesModel::new(&scene, &views, None, &settings)

@@ -4,6 +4,7 @@
 //! and the number that it must be. The solver's own noise and the error of the
 //! reference enter the verdict: a value may be off by three standard errors.
 
+mod clouds;
 mod cubes;
 mod droplets;
 mod gradients;
@@ -12,6 +13,8 @@ mod layers;
 mod rico;
 mod slabs;
 mod step;
+
+pub use clouds::{CloudCase, ViewError, cases as cloud_cases};
 
 use crate::error::Result;
 use crate::grid::{Grid, Volume};
@@ -41,11 +44,14 @@ pub enum Suite {
     Mie,
     /// A simulated cumulus seen by Mitsuba and SHDOM; needs their files.
     Rico,
+    /// The deterministic solver on whole clouds, against the Monte Carlo solver; more clouds where
+    /// the folder of the simulations is given.
+    Clouds,
 }
 
 impl Suite {
     /// All suites.
-    pub const ALL: [Self; 7] = [
+    pub const ALL: [Self; 8] = [
         Self::Slabs,
         Self::Layers,
         Self::Gradients,
@@ -53,6 +59,7 @@ impl Suite {
         Self::Step,
         Self::Mie,
         Self::Rico,
+        Self::Clouds,
     ];
 
     /// Its name on the command line.
@@ -65,6 +72,7 @@ impl Suite {
             Self::Step => "step",
             Self::Mie => "mie",
             Self::Rico => "rico",
+            Self::Clouds => "clouds",
         }
     }
 }
@@ -169,7 +177,8 @@ impl Report<'_> {
     }
 }
 
-/// Run one suite and hand out its rows as they come.
+/// Run one suite and hand out its rows as they come. `reference` is a folder with the files that
+/// some suites compare with, `cache` one where [`Suite::Clouds`] keeps its Monte Carlo images.
 ///
 /// # Errors
 /// [`Suite::Rico`] without the folder of its files, or with files that cannot be used.
@@ -177,6 +186,7 @@ pub fn validate(
     suite: Suite,
     effort: Effort,
     reference: Option<&Path>,
+    cache: Option<&Path>,
     row: &mut dyn FnMut(Row),
 ) -> Result<()> {
     let report = Report { suite, effort, started: Instant::now(), row };
@@ -187,6 +197,7 @@ pub fn validate(
         Suite::Cubes => cubes::run(report),
         Suite::Step => step::run(report),
         Suite::Mie => droplets::run(report, reference),
+        Suite::Clouds => clouds::run(effort, reference, cache, report.row),
         #[cfg(feature = "files")]
         Suite::Rico => rico::run(report, reference),
         #[cfg(not(feature = "files"))]

@@ -19,7 +19,8 @@ pub use observation::{read_observation, write_observation};
 pub(crate) use read::{Input, Variable};
 pub use reconstruction::write_reconstruction;
 pub use reference::{
-    ReferenceDroplets, ReferenceView, read_reference_droplets, read_reference_view,
+    ReferenceDroplets, ReferenceView, read_reference_droplets, read_reference_extinction,
+    read_reference_view,
 };
 pub use sample::write_sample;
 

@@ -3,6 +3,7 @@
 
 use super::Input;
 use crate::error::Result;
+use crate::grid::{Grid, Volume};
 use crate::math::DVec3;
 use crate::scene::View;
 use std::path::Path;
@@ -102,4 +103,30 @@ pub fn read_reference_droplets(path: &Path) -> Result<Vec<ReferenceDroplets>> {
             asymmetry: asymmetry[row],
         })
         .collect())
+}
+
+/// Read the extinction of a cloud as AT3D keeps it: on (x, y, z), with a first level far below
+/// the others that holds nothing.
+///
+/// # Errors
+/// A file that is missing, damaged, or without `extinction`; levels that are too few.
+pub fn read_reference_extinction(path: &Path) -> Result<Volume> {
+    let input = Input::open(path)?;
+    let axis = |name: &str| -> Result<Vec<f64>> {
+        Ok(input.variable(name)?.reals::<f64>()?.into_raw_vec_and_offset().0)
+    };
+    let (x, y, z) = (axis("x")?, axis("y")?, axis("z")?);
+    let values = input.variable("extinction")?.reals_3d::<f32>()?;
+    if x.len() < 2 || y.len() < 2 || z.len() < 3 {
+        return Err(input.error(
+            "z",
+            "has too few levels",
+            "give x, y, z and an empty level below",
+        ));
+    }
+    let spacing = DVec3::new(x[1] - x[0], y[1] - y[0], z[2] - z[1]);
+    let corner = DVec3::new(x[0], y[0], z[1]) - 0.5 * spacing;
+    let grid = Grid::new(corner, spacing, [z.len() - 1, y.len(), x.len()])?;
+    let levels = values.slice(ndarray::s![.., .., 1..]).permuted_axes([2, 1, 0]);
+    Volume::new(grid, levels.as_standard_layout().to_owned())
 }

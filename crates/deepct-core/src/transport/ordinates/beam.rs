@@ -133,7 +133,7 @@ impl Rays<'_> {
                 let light = weight * value * (-sun_depth(&depths[slot], at)).exp();
                 let stopped = light * self.lattice.value(self.extinction, slot, at);
                 self.lattice.spread(into, slot, at, light);
-                spread_sun_depth(&mut by_depth[slot], at, -stopped);
+                spread_sun_depth(&mut by_depth[slot], &depths[slot], at, -stopped);
             }
         }
     }
@@ -162,18 +162,27 @@ pub(super) fn cubature(depth: f64) -> Vec<(DVec3, f64)> {
         .collect()
 }
 
-/// Optical depth towards the Sun at a place in a cell: linear along each axis.
+/// Optical depth towards the Sun at a place in a cell: linear along each axis, and not negative.
 #[inline]
 pub(super) fn sun_depth(depths: &[f32; 8], at: DVec3) -> f64 {
+    linear_sun_depth(depths, at).max(0.0)
+}
+
+/// The same beyond the points where it is known too, where it may fall below zero.
+#[inline]
+fn linear_sun_depth(depths: &[f32; 8], at: DVec3) -> f64 {
     let weights = super::lattice::corner_weights((at - TWO[0]) / (TWO[1] - TWO[0]));
     depths.iter().zip(weights).map(|(depth, weight)| weight * f64::from(*depth)).sum()
 }
 
-/// The transpose of [`sun_depth`].
+/// The transpose of the derivative of [`sun_depth`] at `depths`.
 #[inline]
-pub(super) fn spread_sun_depth(depths: &mut [f32; 8], at: DVec3, value: f64) {
+pub(super) fn spread_sun_depth(into: &mut [f32; 8], depths: &[f32; 8], at: DVec3, value: f64) {
+    if linear_sun_depth(depths, at) <= 0.0 {
+        return;
+    }
     let weights = super::lattice::corner_weights((at - TWO[0]) / (TWO[1] - TWO[0]));
-    for (depth, weight) in depths.iter_mut().zip(weights) {
-        *depth += (weight * value) as f32;
+    for (sum, weight) in into.iter_mut().zip(weights) {
+        *sum += (weight * value) as f32;
     }
 }

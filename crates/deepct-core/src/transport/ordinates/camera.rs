@@ -1,9 +1,12 @@
 //! What a camera sees: light scattered towards it, along its rays.
 //!
 //! Light scattered more than once comes from the solver's moments, light scattered once
-//! from the Sun's depths and the whole phase function.
+//! from the Sun's depths and the whole phase function, broadened by the forward peak
+//! ([`super::broadened`]). The air scatters all along the rays, between and in the cells.
 
 use super::beam::{Rays, spread_sun_depth, sun_depth};
+use super::broadened::LEVELS;
+use super::optics::Changes;
 use super::quadrature::first_harmonics;
 use super::surroundings::{BySurface, OnSurface, Outside, Surroundings};
 use crate::math::{DVec3, Ray};
@@ -14,6 +17,11 @@ const STEP: f64 = 1.0;
 /// The longest side of a tile (pixels), and the widest angle across one (radians).
 const TILE: usize = 64;
 const NARROW: f64 = 0.02;
+/// Levels at which the light of the air along the rays of a tile is known.
+const AIR_LEVELS: usize = 17;
+/// Numbers of rays of a pixel: with one of them, and the one before as the generator, a lattice
+/// spreads evenly along all directions (Zaremba 1966).
+const FIBONACCI: [usize; 13] = [3, 5, 8, 13, 21, 34, 55, 89, 144, 233, 377, 610, 987];
 /// The places of two points in a step, and what their extinctions add to the depth before
 /// each of them and before the end, for one that is linear between them.
 const POINTS: [f64; 2] = [0.211_324_865_405_187_13, 0.788_675_134_594_812_9];
@@ -66,14 +74,56 @@ pub(super) struct Camera<'a> {
     /// Towards the Sun.
     pub(super) sun: DVec3,
     pub(super) sun_depths: &'a [[f32; 8]],
+    /// The part of them that is due to the air, by cell.
+    pub(super) air_depths: &'a [f32],
     pub(super) surroundings: &'a Surroundings,
     pub(super) on_surface: OnSurface<'a>,
     /// Moments of radiance, `[slot][4][harmonic]`.
     pub(super) moments: &'a [f32],
-    /// Number of rays along each side of a pixel.
-    pub(super) rays_per_side: usize,
+    /// Number of harmonics.
+    pub(super) count: usize,
+    /// The least number of rays of a pixel.
+    pub(super) rays_per_pixel: usize,
     /// The largest extinction that is prepared for (1/km).
     pub(super) largest_extinction: f64,
+}
+
+/// What the rays of a tile have in common.
+#[derive(Debug)]
+pub(super) struct Prepared {
+    /// What each active cell scatters towards the camera over extinction: mean and slopes.
+    scattered: Vec<[f32; 4]>,
+    changes: Changes,
+    air: AirLight,
+    /// Number of rays of a pixel.
+    rays: usize,
+}
+
+/// The light of the air in the block of cells along the rays of a tile.
+#[derive(Debug)]
+struct AirLight {
+    /// Altitude of the block's top, and the levels by kilometre.
+    top: f64,
+    levels_per_km: f64,
+    /// Light that the air between the top and a level throws into a ray, seen from the top, and
+    /// transmittance; empty where there is no air.
+    levels: Vec<[f64; 2]>,
+}
+
+impl AirLight {
+    /// Light and transmittance from the top to an altitude.
+    #[inline]
+    fn at(&self, altitude: f64) -> [f64; 2] {
+        if self.levels.is_empty() {
+            return [0.0, 1.0];
+        }
+        let last = (self.levels.len() - 1) as f64;
+        let place = ((self.top - altitude) * self.levels_per_km).clamp(0.0, last);
+        let level = (place as usize).min(self.levels.len() - 2);
+        let part = place - level as f64;
+        let [above, below] = [self.levels[level], self.levels[level + 1]];
+        [0, 1].map(|m| (1.0 - part) * above[m] + part * below[m])
+    }
 }
 
 /// The derivative of a weighted sum of radiances of a tile.
@@ -89,27 +139,72 @@ pub(super) struct Derivative {
     pub(super) scattered: Vec<[f32; 4]>,
 }
 
+/// A step through a cell, at two points.
+#[derive(Debug, Clone, Copy)]
+struct Step {
+    slot: usize,
+    points: [Point; 2],
+    /// Extinction without the peak over extinction, and the length of the step (km).
+    kept: f64,
+    length: f64,
+    /// Light of the air before the cell and in the step, that reaches the camera.
+    before: f64,
+    air: f64,
+}
+
 /// A point on a ray, and what is known there.
 #[derive(Debug, Clone, Copy)]
 struct Point {
-    slot: usize,
     at: DVec3,
-    /// Extinction (1/km), and that without the peak over it.
+    /// Extinction (1/km).
     extinction: f64,
-    kept: f64,
-    /// Half the length of the step (km).
-    weight: f64,
     /// Light scattered into the ray, over extinction: in all, and what came from the Sun.
     source: f64,
     sunlight: f64,
+    /// What the source changes by where the depth towards the Sun or the camera does because
+    /// there is then more of the peak.
+    broadening: f64,
     /// Transmittance from here to the camera.
     transmittance: f64,
 }
 
+impl Step {
+    /// What reaches the camera of the light that is scattered around each point.
+    fn radiances(&self) -> [f64; 2] {
+        self.points.map(|p| 0.5 * self.length * p.extinction * p.source * p.transmittance)
+    }
+
+    /// What an optical depth before each point takes from that.
+    fn weakened(&self) -> [f64; 2] {
+        self.points
+            .map(|p| 0.5 * self.length * p.extinction * (p.source - p.broadening) * p.transmittance)
+    }
+}
+
 impl Camera<'_> {
+    /// What the rays of a tile have in common.
+    pub(super) fn prepare(&self, tile: &Tile, view: &View) -> Prepared {
+        let (mut least, mut most) = (f64::INFINITY, 0.0_f64);
+        for row in tile.rows {
+            for col in tile.cols {
+                let ray = view.ray(row as f64, col as f64);
+                let angle = (-ray.direction.dot(self.sun)).clamp(-1.0, 1.0).acos();
+                (least, most) = (least.min(angle), most.max(angle));
+            }
+        }
+        // In the middle of a tile the angle may be less than at its corners.
+        let least = least - (most - least);
+        Prepared {
+            scattered: self.scattered(tile, view),
+            changes: self.rays.optics.changes(least, most),
+            air: self.air_light(tile, view),
+            rays: self.ray_count(view),
+        }
+    }
+
     /// What is scattered towards the camera by each active cell over extinction: mean and
     /// slopes.
-    pub(super) fn scattered(&self, tile: &Tile, view: &View) -> Vec<[f32; 4]> {
+    fn scattered(&self, tile: &Tile, view: &View) -> Vec<[f32; 4]> {
         let harmonics = self.harmonics(tile, view);
         let count = harmonics.len();
         let cells = self.moments.chunks_exact(4 * count).enumerate();
@@ -124,26 +219,52 @@ impl Camera<'_> {
         cells.map(scattered).collect()
     }
 
+    /// The light of the air along the rays of a tile.
+    fn air_light(&self, tile: &Tile, view: &View) -> AirLight {
+        let grid = &self.rays.lattice.grid;
+        let (top, height) = (grid.upper().z, grid.extent().z);
+        let steps = (AIR_LEVELS - 1) as f64;
+        let mut light = AirLight { top, levels_per_km: steps / height, levels: Vec::new() };
+        if self.surroundings.has_air() {
+            let direction = -tile.direction(view);
+            let level = |number: usize| {
+                let length = number as f64 / steps * height / direction.z.abs();
+                let ray = Ray { origin: DVec3::new(0.0, 0.0, top), direction };
+                let transmittance = self.surroundings.transmittance(&ray, 0.0, length);
+                [self.surroundings.before(&ray, length), transmittance]
+            };
+            light.levels = (0..AIR_LEVELS).map(level).collect();
+        }
+        light
+    }
+
+    /// Number of rays of a pixel: more of them where it is wider than a voxel.
+    fn ray_count(&self, view: &View) -> usize {
+        let spacing = self.rays.lattice.voxel_spacing();
+        let across = (view.pixel_km() / spacing.min_element()).max(1.0);
+        let wanted = (self.rays_per_pixel as f64 * across * across).ceil() as usize;
+        let enough = FIBONACCI.iter().position(|count| *count >= wanted);
+        FIBONACCI[enough.unwrap_or(FIBONACCI.len() - 1)]
+    }
+
     /// The harmonics in the direction of a tile.
     pub(super) fn harmonics(&self, tile: &Tile, view: &View) -> Vec<f32> {
-        let slots = self.rays.lattice.len().max(1);
-        first_harmonics(tile.direction(view), self.moments.len() / 4 / slots)
+        first_harmonics(tile.direction(view), self.count)
     }
 
     /// The mean radiance of a pixel, for a Sun of unit irradiance.
-    pub(super) fn radiance(&self, view: &View, pixel: [usize; 2], scattered: &[[f32; 4]]) -> f64 {
-        let mut way = Way::default();
-        let radiance = |ray| {
-            let beyond = self.walk(ray, scattered, &mut way);
-            beyond.before
-                + beyond.transmittance * beyond.outside.radiance()
-                + way.points.iter().map(Point::radiance).sum::<f64>()
-        };
-        let (sum, count) = self
-            .pixel_rays(view, pixel)
-            .map(radiance)
-            .fold((0.0, 0.0), |s, r| (s.0 + r, s.1 + 1.0));
-        sum / count
+    pub(super) fn radiance(&self, view: &View, pixel: [usize; 2], prepared: &Prepared) -> f64 {
+        let mut path = Path::default();
+        let mut radiance = 0.0;
+        for ray in pixel_rays(view, pixel, prepared.rays) {
+            let beyond = self.walk(ray, prepared, &mut path);
+            radiance += beyond.before + beyond.transmittance * beyond.outside.radiance();
+            for step in &path.steps {
+                let [first, second] = step.radiances();
+                radiance += step.before + step.air + first + second;
+            }
+        }
+        radiance / prepared.rays as f64
     }
 
     /// Add the derivative of `weight` times the radiance of a pixel.
@@ -152,99 +273,118 @@ impl Camera<'_> {
         view: &View,
         pixel: [usize; 2],
         weight: f64,
-        scattered: &[[f32; 4]],
+        prepared: &Prepared,
         into: &mut Derivative,
     ) {
-        let weight = weight / (self.rays_per_side * self.rays_per_side) as f64;
-        let mut way = Way::default();
-        for ray in self.pixel_rays(view, pixel) {
-            let beyond = self.walk(ray, scattered, &mut way);
+        let weight = weight / prepared.rays as f64;
+        let mut path = Path::default();
+        let before = POINTS.map(before);
+        let before_middle = self::before(0.5);
+        for ray in pixel_rays(view, pixel, prepared.rays) {
+            let beyond = self.walk(ray, prepared, &mut path);
             let value = weight * beyond.transmittance;
             self.surroundings.spread(&beyond.outside, value, &mut into.on_surface);
             // Backwards: what is behind a point is weakened by it.
             let mut behind = beyond.transmittance * beyond.outside.radiance();
-            for pair in way.points.chunks_exact(2).rev() {
-                let seen = [pair[0].radiance(), pair[1].radiance()];
-                let before = before_points();
-                for (number, point) in pair.iter().enumerate() {
-                    let length = 2.0 * point.weight;
-                    let weakened =
-                        before[0][number] * seen[0] + before[1][number] * seen[1] + 0.5 * behind;
-                    let own = point.weight * point.source * point.transmittance;
-                    let value = weight * (own - length * point.kept * weakened);
-                    self.rays.lattice.spread(&mut into.extinction, point.slot, point.at, value);
-                    let light = weight * point.weight * point.extinction * point.transmittance;
+            for step in path.steps.iter().rev() {
+                let Step { slot, kept, length, air, .. } = *step;
+                let seen = step.weakened();
+                for (number, point) in step.points.iter().enumerate() {
+                    let weakened = before[0][number] * seen[0]
+                        + before[1][number] * seen[1]
+                        + before_middle[number] * air
+                        + 0.5 * behind;
+                    let own = 0.5 * length * point.source * point.transmittance;
+                    let value = weight * (own - length * kept * weakened);
+                    self.rays.lattice.spread(&mut into.extinction, slot, point.at, value);
+                    let light = weight * 0.5 * length * point.extinction * point.transmittance;
                     spread_sun_depth(
-                        &mut into.sun_depths[point.slot],
+                        &mut into.sun_depths[slot],
+                        &self.sun_depths[slot],
                         point.at,
-                        -light * point.sunlight,
+                        -light * (point.sunlight - point.broadening),
                     );
                     let functions = super::lattice::basis(point.at);
-                    for (sum, function) in into.scattered[point.slot].iter_mut().zip(functions) {
+                    for (sum, function) in into.scattered[slot].iter_mut().zip(functions) {
                         *sum += (light * function) as f32;
                     }
                 }
-                behind += seen[0] + seen[1];
+                behind += seen[0] + seen[1] + step.before + air;
             }
         }
     }
 
-    fn pixel_rays(&self, view: &View, [row, col]: [usize; 2]) -> impl Iterator<Item = Ray> {
-        let (count, view) = (self.rays_per_side, *view);
-        let place = move |n: usize| (n as f64 + 0.5) / count as f64;
-        (0..count * count)
-            .map(move |n| view.ray(row as f64 + place(n / count), col as f64 + place(n % count)))
-    }
-
-    /// Go along a ray; gives what is before and behind its points.
-    fn walk(&self, ray: Ray, scattered: &[[f32; 4]], way: &mut Way) -> Beyond {
-        let Way { points, densities } = way;
-        points.clear();
+    /// Go along a ray; gives what is before and behind its steps.
+    fn walk(&self, ray: Ray, prepared: &Prepared, path: &mut Path) -> Beyond {
+        let Path { steps, densities } = path;
+        steps.clear();
         let Rays { lattice, optics, extinction, .. } = self.rays;
-        let before = before_points();
+        let Prepared { scattered, changes, air, .. } = prepared;
+        let before = POINTS.map(before);
+        let before_middle = self::before(0.5);
+        let altitude = |distance: f64| ray.origin.z + distance * ray.direction.z;
         let mut depth = 0.0;
+        // Where the ray first meets a cell, and where it has left the last one.
         let mut inside: Option<[f64; 2]> = None;
-        let mut air = 1.0;
+        // Transmittance to the top of the block, and light of the air as far as the last cell.
+        let (mut to_top, mut light) = (1.0, 0.0);
         for segment in lattice.segments(ray) {
             let slot = segment.slot;
             let leave = segment.enter + segment.length;
             if inside.is_none() {
-                air = self.surroundings.transmittance(&ray, 0.0, segment.enter);
-                optics.densities(ray.direction.dot(self.sun), densities);
+                let [seen, passed] = air.at(altitude(segment.enter));
+                light = seen;
+                to_top = self.surroundings.transmittance(&ray, 0.0, segment.enter) / passed;
+                optics.densities(ray.direction.dot(self.sun), changes, densities);
             }
             inside = Some([inside.map_or(segment.enter, |ends| ends[0]), leave]);
             let reach = segment.to - segment.from;
             let kept = f64::from(optics.kept(slot));
             // Not by the extinction that there is: the radiance would jump where it changes.
-            let steps = (kept * self.largest_extinction * segment.length / STEP).ceil().max(1.0);
-            let single = optics.density(slot, densities);
-            let length = segment.length / steps;
-            for step in 0..steps as usize {
-                let places = POINTS.map(|x| segment.from + (step as f64 + x) / steps * reach);
+            let count = (kept * self.largest_extinction * segment.length / STEP).ceil().max(1.0);
+            let length = segment.length / count;
+            let [entered, _] = air.at(altitude(segment.enter));
+            let mut gap = to_top * (entered - light) * f64::exp(-depth);
+            light = entered;
+            for step in 0..count as usize {
+                let places = POINTS.map(|x| segment.from + (step as f64 + x) / count * reach);
                 let values = places.map(|at| lattice.value(extinction, slot, at));
-                for (number, at) in places.into_iter().enumerate() {
-                    let own = kept
-                        * length
-                        * (before[number][0] * values[0] + before[number][1] * values[1]);
-                    let sunlight = single * (-sun_depth(&self.sun_depths[slot], at)).exp();
+                let [seen, passed] = air.at(altitude(segment.enter + (step as f64 + 1.0) * length));
+                let part = |weights: [f64; 2]| {
+                    kept * length * (weights[0] * values[0] + weights[1] * values[1])
+                };
+                let point = |number: usize| {
+                    let at = places[number];
+                    let to_camera = depth + part(before[number]);
+                    let to_sun = sun_depth(&self.sun_depths[slot], at);
+                    let of_cloud = (to_sun - f64::from(self.air_depths[slot])).max(0.0) + to_camera;
+                    let (single, change) = optics.density(slot, densities, of_cloud);
+                    let lit = (-to_sun).exp();
                     let functions = super::lattice::basis(at);
                     let diffuse: f64 = functions
                         .iter()
                         .zip(&scattered[slot])
                         .map(|(function, value)| function * f64::from(*value))
                         .sum();
-                    points.push(Point {
-                        slot,
+                    Point {
                         at,
                         extinction: values[number],
-                        kept,
-                        weight: 0.5 * length,
-                        source: sunlight + diffuse,
-                        sunlight,
-                        transmittance: air * (-depth - own).exp(),
-                    });
-                }
-                depth += kept * length * 0.5 * (values[0] + values[1]);
+                        source: single * lit + diffuse,
+                        sunlight: single * lit,
+                        broadening: change * lit,
+                        transmittance: to_top * passed * (-to_camera).exp(),
+                    }
+                };
+                steps.push(Step {
+                    slot,
+                    points: [point(0), point(1)],
+                    kept,
+                    length,
+                    before: std::mem::take(&mut gap),
+                    air: to_top * (seen - light) * (-depth - part(before_middle)).exp(),
+                });
+                light = seen;
+                depth += part([0.5, 0.5]);
             }
         }
         let Some([enter, leave]) = inside else {
@@ -260,13 +400,23 @@ impl Camera<'_> {
     }
 }
 
+/// Rays through a pixel, spread evenly over its area.
+fn pixel_rays(view: &View, [row, col]: [usize; 2], count: usize) -> impl Iterator<Item = Ray> {
+    let view = *view;
+    let position = FIBONACCI.iter().position(|other| *other == count).unwrap_or(0);
+    let generator = if position == 0 { 2 } else { FIBONACCI[position - 1] };
+    (0..count).map(move |number| {
+        let place = |step: usize| ((number * step % count) as f64 + 0.5) / count as f64;
+        view.ray(row as f64 + place(1), col as f64 + place(generator))
+    })
+}
+
 /// What is on a ray, and room to keep it from ray to ray.
 #[derive(Debug, Default)]
-struct Way {
-    /// The points, two and two.
-    points: Vec<Point>,
+struct Path {
+    steps: Vec<Step>,
     /// Of the phase functions at the angle between the ray and the Sun.
-    densities: Vec<f64>,
+    densities: Vec<[f64; LEVELS]>,
 }
 
 /// What a ray sees before and behind the cloud.
@@ -277,12 +427,6 @@ struct Beyond {
     /// Transmittance from behind the cloud to the camera, and what is there.
     transmittance: f64,
     outside: Outside,
-}
-
-impl Point {
-    fn radiance(&self) -> f64 {
-        self.weight * self.extinction * self.source * self.transmittance
-    }
 }
 
 impl Derivative {
@@ -300,12 +444,10 @@ impl Derivative {
     }
 }
 
-/// What the extinctions at the two points of a step of unit length add to the depth before
-/// each of them: the integral of the line through both.
-fn before_points() -> [[f64; 2]; 2] {
+/// What the extinctions at the two points of a step of unit length add to the depth before a
+/// place in it: the integral of the line through both.
+fn before(place: f64) -> [f64; 2] {
     let [first, second] = POINTS;
-    POINTS.map(|x| {
-        let tilt = (0.5 * x * x - first * x) / (second - first);
-        [x - tilt, tilt]
-    })
+    let tilt = (0.5 * place * place - first * place) / (second - first);
+    [place - tilt, tilt]
 }

@@ -102,11 +102,11 @@ impl OrdinatesModel {
         for pieces in self.weighted(weights).chunks(PARTS) {
             parts.par_iter_mut().zip(pieces).for_each(|(part, (tile, pixels))| {
                 let view = &self.views[tile.view];
-                let scattered = camera.scattered(tile, view);
+                let prepared = camera.prepare(tile, view);
                 part.scattered.fill([0.0; 4]);
                 for [row, col] in pixels {
                     let weight = irradiance * f64::from(weights.values[[tile.view, *row, *col]]);
-                    camera.differentiate(view, [*row, *col], weight, &scattered, part);
+                    camera.differentiate(view, [*row, *col], weight, &prepared, part);
                 }
             });
             let harmonics: Vec<_> = pieces

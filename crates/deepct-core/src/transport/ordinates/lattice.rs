@@ -104,6 +104,11 @@ impl Lattice {
         self.active.len()
     }
 
+    /// Size of the voxels or boxes that cells are parts of (km).
+    pub(super) fn voxel_spacing(&self) -> DVec3 {
+        self.grid.spacing * self.split
+    }
+
     /// The slot of a cell, if it is active.
     #[inline(always)]
     pub(super) fn slot(&self, cell: usize) -> Option<usize> {

@@ -11,6 +11,7 @@
 //! solver (Martin, Cairns and Bal 2014 for the equation).
 
 mod beam;
+mod broadened;
 mod camera;
 mod derivative;
 mod diffuse;
@@ -56,6 +57,8 @@ pub struct OrdinatesModel {
     lattice: Lattice,
     optics: Optics,
     surroundings: Surroundings,
+    /// Optical depth of the air towards the Sun, by cell.
+    air_depths: Vec<f32>,
     quadrature: Quadrature,
     /// Where sunlight is looked at in a cell.
     cubature: Vec<(DVec3, f64)>,
@@ -124,13 +127,18 @@ impl OrdinatesModel {
         let kept = optics::kept(&medium.scattering, settings.zenith_angles);
         let cubature = cubature(kept * largest_extinction * rise);
         let optics = Optics::new(&medium.scattering, grid, &lattice, &quadrature);
+        let surroundings = Surroundings::new(scene, &lattice, &quadrature);
+        let middle = |slot| lattice.point(slot, DVec3::splat(0.5)).z;
+        let air_depths =
+            (0..lattice.len()).map(|slot| surroundings.sun_depth(middle(slot)) as f32).collect();
         Ok(Self {
             scene: scene.clone(),
             views: views.to_vec(),
             tiles: all_tiles(views),
             settings: *settings,
             largest_extinction,
-            surroundings: Surroundings::new(scene, &lattice, &quadrature),
+            surroundings,
+            air_depths,
             lattice,
             optics,
             quadrature,
@@ -175,10 +183,10 @@ impl OrdinatesModel {
         let irradiance = self.scene.sun.irradiance;
         let seen = |tile: &Tile| -> Vec<f64> {
             let view = &self.views[tile.view];
-            let scattered = camera.scattered(tile, view);
+            let prepared = camera.prepare(tile, view);
             let pixels: Vec<_> = tile.pixels().collect();
             let radiance =
-                |pixel: &[usize; 2]| irradiance * camera.radiance(view, *pixel, &scattered);
+                |pixel: &[usize; 2]| irradiance * camera.radiance(view, *pixel, &prepared);
             pixels.par_iter().map(radiance).collect()
         };
         let values: Vec<_> = self.tiles.par_iter().map(seen).collect();
@@ -227,10 +235,12 @@ impl OrdinatesModel {
             rays: self.rays(&state.extinction),
             sun: self.scene.sun.towards(),
             sun_depths: &state.sun_depths,
+            air_depths: &self.air_depths,
             surroundings: &self.surroundings,
             on_surface: state.on_surface(),
             moments: &state.field.moments,
-            rays_per_side: self.settings.rays_per_side,
+            count: self.quadrature.harmonics,
+            rays_per_pixel: self.settings.rays_per_pixel,
             largest_extinction: self.largest_extinction,
         }
     }

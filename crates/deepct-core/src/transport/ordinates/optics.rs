@@ -4,12 +4,36 @@
 //! 1977). What it does to light scattered once is mended where the camera looks (TMS:
 //! Nakajima and Tanaka 1988).
 
+use super::broadened::{Broadened, LEVELS, place};
 use super::lattice::{Lattice, index};
 use super::quadrature::{Quadrature, degrees, degrees_of};
 use crate::grid::Grid;
 use crate::optics::{PhaseFunction, Scattering};
 use rayon::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};
+
+/// Angles between which changes of single scattering count as linear (radians).
+const ANGLE_STEP: f64 = 0.002;
+
+/// What the forward peak does to single scattering at angles around the one that a camera sees:
+/// see [`Optics::changes`].
+#[derive(Debug, Clone)]
+pub(super) struct Changes {
+    least: f64,
+    step: f64,
+    /// `[angle][phase function][level]`.
+    values: Vec<Vec<[f64; LEVELS]>>,
+}
+
+impl Changes {
+    /// The angle below that of a cosine, and the part of the way to the next one.
+    fn place(&self, cosine: f64) -> (usize, f64) {
+        let angle = (-cosine).clamp(-1.0, 1.0).acos();
+        let place = ((angle - self.least) / self.step).clamp(0.0, (self.values.len() - 1) as f64);
+        let node = (place as usize).min(self.values.len() - 2);
+        (node, place - node as f64)
+    }
+}
 
 /// Optics by slot; a single row of a uniform medium serves all.
 #[derive(Debug)]
@@ -19,8 +43,11 @@ pub(super) struct Optics {
     scattered: Vec<f32>,
     /// Extinction without the peak over extinction, by row.
     kept: Vec<f32>,
-    /// The phase functions that light is scattered by in some cell.
-    phase_functions: Vec<PhaseFunction>,
+    /// The phase functions that light is scattered by in some cell, and what the forward peak
+    /// does to each.
+    phase_functions: Vec<(PhaseFunction, Broadened)>,
+    /// Optical depth of the peak over that without it, by row.
+    by_peak: Vec<f64>,
     /// Their numbers and how much of the extinction scatters by each, by row.
     shares: Vec<Vec<(usize, f64)>>,
 }
@@ -52,13 +79,14 @@ impl Optics {
         for (number, _) in shares.iter_mut().flatten() {
             *number = used.partition_point(|other| other < number);
         }
-        let all = scattering.phase_functions();
-        let phase_functions: Vec<PhaseFunction> = used.iter().map(|n| all[*n].clone()).collect();
-
         let (harmonics, count) = (quadrature.harmonics, quadrature.degrees);
-        let moments: Vec<Vec<f64>> =
-            phase_functions.par_iter().map(|p| p.legendre_moments(count + 1)).collect();
-        let (mut scattered, mut kept) = (Vec::new(), Vec::new());
+        let all = scattering.phase_functions();
+        let broaden = |number: &usize| {
+            let (broadened, moments) = Broadened::new(all[*number], count);
+            ((all[*number].clone(), broadened), moments)
+        };
+        let (phase_functions, moments): (Vec<_>, Vec<_>) = used.par_iter().map(broaden).unzip();
+        let (mut scattered, mut kept, mut by_peak) = (Vec::new(), Vec::new(), Vec::new());
         for row in &shares {
             let moment = |degree: usize| -> f64 {
                 row.iter().map(|(number, share)| share * moments[*number][degree]).sum()
@@ -66,9 +94,10 @@ impl Optics {
             let peak = moment(count);
             let low: Vec<f32> = (0..=count).map(|degree| (moment(degree) - peak) as f32).collect();
             kept.push((1.0 - peak) as f32);
+            by_peak.push(peak / (1.0 - peak));
             scattered.extend(degrees(harmonics).map(|degree| low[degree]));
         }
-        Self { harmonics, scattered, kept, phase_functions, shares }
+        Self { harmonics, scattered, kept, phase_functions, by_peak, shares }
     }
 
     /// Scattered light over extinction, by harmonic.
@@ -83,17 +112,53 @@ impl Optics {
         self.kept[self.row(slot)]
     }
 
-    /// The densities of all phase functions at a cosine, for [`Optics::density`].
-    pub(super) fn densities(&self, cosine: f64, into: &mut Vec<f64>) {
-        into.clear();
-        into.extend(self.phase_functions.iter().map(|function| function.density(cosine)));
+    /// What the forward peak does to single scattering between two angles from exact
+    /// backscatter (radians).
+    pub(super) fn changes(&self, least: f64, most: f64) -> Changes {
+        let steps = ((most - least) / ANGLE_STEP).ceil().max(1.0) as usize;
+        let step = ((most - least) / steps as f64).max(1e-9);
+        let values = (0..=steps)
+            .map(|node| {
+                let cosine = -(least + node as f64 * step).cos();
+                self.phase_functions.iter().map(|(_, b)| b.change(cosine)).collect()
+            })
+            .collect();
+        Changes { least, step, values }
     }
 
-    /// Light scattered by the angle of the densities over extinction (1/sr), the peak and all.
+    /// The densities of all phase functions at a cosine, for [`Optics::density`].
+    pub(super) fn densities(&self, cosine: f64, changes: &Changes, into: &mut Vec<[f64; LEVELS]>) {
+        let (node, part) = changes.place(cosine);
+        let [below, above] = [&changes.values[node], &changes.values[node + 1]];
+        let functions = self.phase_functions.iter().zip(below).zip(above);
+        into.clear();
+        into.extend(functions.map(|(((function, _), below), above)| {
+            let density = function.density(cosine);
+            let change = |level: usize| (1.0 - part) * below[level] + part * above[level];
+            std::array::from_fn(|level| density + change(level))
+        }));
+    }
+
+    /// Light scattered by the angle of the densities over extinction (1/sr), the peak and all,
+    /// where light has an optical `depth` behind and before it, the peak left out; and its
+    /// derivative by that depth.
     #[inline]
-    pub(super) fn density(&self, slot: usize, densities: &[f64]) -> f64 {
-        let shares = self.shares[self.row(slot)].iter();
-        shares.map(|(number, share)| share * densities[*number]).sum()
+    pub(super) fn density(
+        &self,
+        slot: usize,
+        densities: &[[f64; LEVELS]],
+        depth: f64,
+    ) -> (f64, f64) {
+        let row = self.row(slot);
+        let by_peak = self.by_peak[row];
+        let (level, part, slope) = place(by_peak * depth);
+        let (mut value, mut change) = (0.0, 0.0);
+        for (number, share) in &self.shares[row] {
+            let [below, above] = [densities[*number][level], densities[*number][level + 1]];
+            value += share * ((1.0 - part) * below + part * above);
+            change += share * (above - below);
+        }
+        (value, change * slope * by_peak)
     }
 
     fn row(&self, slot: usize) -> usize {

@@ -32,6 +32,8 @@ pub(super) struct Octant {
     pub(super) cosines: [Vec<f32>; 3],
     /// The weight of each ordinate (sr).
     pub(super) weights: Vec<f32>,
+    /// The vertical components, without their sign, that each ordinate stands for.
+    pub(super) bins: Vec<[f64; 2]>,
     /// Harmonics at the ordinates, `[harmonic][ordinate]`: from moments to radiances.
     pub(super) to_ordinates: Vec<f32>,
     /// Weight times harmonics, `[ordinate][harmonic]`: from radiances to moments.
@@ -52,8 +54,11 @@ impl Octant {
     fn new(number: usize, zenith_angles: usize) -> Self {
         let signs = [0, 1, 2].map(|axis| if number >> axis & 1 == 0 { 1.0_f32 } else { -1.0 });
         let azimuths = 2 * zenith_angles;
-        let mut directions = Vec::new();
+        let (mut directions, mut bins) = (Vec::new(), Vec::new());
+        let mut top = 1.0;
         for (cosine, weight) in zenith_rule(zenith_angles) {
+            bins.extend(vec![[f64::max(top - weight, 0.0), top]; azimuths / 4]);
+            top -= weight;
             for step in 0..azimuths / 4 {
                 let azimuth = 2.0 * PI * (step as f64 + 0.5) / azimuths as f64;
                 let sine = (1.0 - cosine * cosine).sqrt();
@@ -64,9 +69,11 @@ impl Octant {
         let real = directions.len();
         let ordinates = real.next_multiple_of(LANES);
         directions.resize(ordinates, (DVec3::splat(3.0_f64.sqrt().recip()), 0.0));
+        bins.resize(ordinates, [0.5; 2]);
         let degrees = degrees_of(zenith_angles);
         let harmonics = (degrees * degrees).next_multiple_of(LANES);
         let mut octant = Self {
+            bins,
             signs,
             ordinates,
             cosines: [0, 1, 2].map(|axis| directions.iter().map(|(d, _)| d[axis] as f32).collect()),

@@ -12,8 +12,8 @@ pub struct OrdinatesSettings {
     pub tolerance: f64,
     /// The most sweeps of one solution.
     pub most_sweeps: usize,
-    /// Number of rays along each side of a pixel.
-    pub rays_per_side: usize,
+    /// The least number of rays of a pixel as wide as a voxel; there are more in wider ones.
+    pub rays_per_pixel: usize,
     /// Voxels are split until no cell is thicker than this along an axis (optical depth
     /// without the forward peak).
     pub cell_depth: f64,
@@ -29,7 +29,7 @@ impl Default for OrdinatesSettings {
             zenith_angles: 8,
             tolerance: 1e-4,
             most_sweeps: 200,
-            rays_per_side: 2,
+            rays_per_pixel: 13,
             cell_depth: 2.5,
             most_parts: 4,
             largest_extinction: None,
@@ -61,7 +61,7 @@ impl OrdinatesSettings {
         }
         for (what, value) in [
             ("most sweeps", self.most_sweeps),
-            ("rays along a side", self.rays_per_side),
+            ("rays of a pixel", self.rays_per_pixel),
             ("most parts of a voxel", self.most_parts),
         ] {
             if value == 0 {

@@ -1,9 +1,11 @@
 //! Clear air above the surface, under the Sun: what it scatters, once and again.
 //!
-//! Light that was scattered once is known in closed form. What is scattered more often, or
-//! comes from the surface, hardly depends on azimuth, and the second Legendre moment is the
-//! last of molecules: two numbers by altitude tell its source, found order by order (van de
-//! Hulst 1980, "Multiple light scattering", chapter 4).
+//! Light that was scattered once is known in closed form. The second Legendre moment is the last of
+//! molecules, so the source of what is scattered more often, or comes from the surface, is known by
+//! four numbers at each altitude: the mean and the coefficients of the associated Legendre
+//! polynomials of degree 2 and orders 0, 1 and 2, the latter times the cosine of the azimuth from
+//! the Sun and of twice that. They are found order by order of scattering (van de Hulst 1980,
+//! "Multiple light scattering", chapter 4).
 
 use super::beam::THREE;
 use super::quadrature::gauss_legendre;
@@ -12,8 +14,10 @@ use crate::scene::Scene;
 use crate::transport::air_column::AirColumn;
 use std::f64::consts::PI;
 
+/// Terms of the source.
+const TERMS: usize = 4;
 /// Levels of the source.
-const LEVELS: usize = 17;
+const LEVELS: usize = 33;
 /// Zenith angles, up and down together.
 const ZENITH_ANGLES: usize = 32;
 /// The orders end when one changes the source by less than this share.
@@ -32,8 +36,8 @@ pub(super) struct Sky {
     /// Second Legendre moment of the phase function.
     second: f64,
     /// Source of light that was scattered or reflected before, at equal steps of depth from
-    /// the top: the mean, and the coefficient of the second Legendre polynomial of the cosine.
-    source: Vec<[f64; 2]>,
+    /// the top: the mean, and the coefficients of the polynomials of degree 2 by order.
+    source: Vec<[f64; TERMS]>,
     /// Irradiance of the surface by the air.
     pub(super) irradiance: f64,
 }
@@ -44,11 +48,13 @@ impl Sky {
         let air = AirColumn::new(scene.air.as_ref(), scene.surface.altitude);
         let depth = air.optical_depth(scene.surface.altitude, f64::INFINITY, 1.0);
         let second = air.phase_function.legendre_moments(3)[2];
-        let source = vec![[0.0; 2]; LEVELS];
+        let source = vec![[0.0; TERMS]; LEVELS];
         let mut sky =
             Self { air, sun: scene.sun.towards(), depth, second, source, irradiance: 0.0 };
         if !sky.is_empty() {
             sky.scatter_on(scene.surface.albedo);
+            sky.scatter_on_in_azimuth(1);
+            sky.scatter_on_in_azimuth(2);
         }
         sky
     }
@@ -84,27 +90,39 @@ impl Sky {
         let once = density / slope * (-from / self.sun.z).exp() * span.abs() * mean;
         // The rest, at points that are spread evenly in what they have still to pass.
         let seen = -(-span.abs() / slope).exp_m1();
+        let functions = self.functions(direction);
         let more = THREE.map(|(place, weight)| {
             let way = -slope * (-place * seen).ln_1p();
-            let [mean, tilt] = self.source_at(from + way.copysign(span));
-            weight * seen * (mean + tilt * second_polynomial(slope))
+            let source = self.source_at(from + way.copysign(span));
+            weight * seen * source.iter().zip(functions).map(|(s, f)| s * f).sum::<f64>()
         });
         once + more.iter().sum::<f64>()
     }
 
+    /// What the terms of the source are multiplied with in a direction that is looked in.
+    fn functions(&self, direction: DVec3) -> [f64; TERMS] {
+        let (flat, sun) = (direction.truncate(), self.sun.truncate());
+        let lengths = flat.length() * sun.length();
+        let cosine = if lengths > 0.0 { (flat.dot(sun) / lengths).clamp(-1.0, 1.0) } else { 1.0 };
+        let rise = direction.z;
+        let double = 2.0 * cosine * cosine - 1.0;
+        let [first, second] = [1, 2].map(|order| associated_polynomial(order, rise));
+        [1.0, second_polynomial(rise), first * cosine, second * double]
+    }
+
     /// The source at a depth, linear between levels.
-    fn source_at(&self, depth: f64) -> [f64; 2] {
+    fn source_at(&self, depth: f64) -> [f64; TERMS] {
         let place = (depth / self.depth).clamp(0.0, 1.0) * (LEVELS - 1) as f64;
         let level = (place as usize).min(LEVELS - 2);
         let part = place - level as f64;
         let [before, after] = [self.source[level], self.source[level + 1]];
-        [0, 1].map(|m| (1.0 - part) * before[m] + part * after[m])
+        std::array::from_fn(|m| (1.0 - part) * before[m] + part * after[m])
     }
 
     /// Scatter and reflect until nothing changes.
     fn scatter_on(&mut self, albedo: f64) {
         let step = self.depth / (LEVELS - 1) as f64;
-        let angles = gauss_legendre(ZENITH_ANGLES);
+        let angles = half_range();
         let sunlight: Vec<[f64; 2]> = (0..LEVELS)
             .map(|level| {
                 let light = (-(level as f64) * step / self.sun.z).exp() / (4.0 * PI);
@@ -114,7 +132,7 @@ impl Sky {
         let direct = self.sun.z * (-self.depth / self.sun.z).exp();
         for _ in 0..MOST_ORDERS {
             let source = |level: usize, cosine: f64| {
-                let [a, b] = [self.source[level], sunlight[level]];
+                let (a, b) = (self.source[level], sunlight[level]);
                 a[0] + b[0] + (a[1] + b[1]) * second_polynomial(cosine)
             };
             // Integrals of the radiance over the cosine, alone and with the polynomial.
@@ -146,9 +164,9 @@ impl Sky {
             }
             let mut change = 0.0_f64;
             for (source, [mean, tilt]) in self.source.iter_mut().zip(moments) {
-                let next = [0.5 * mean, 2.5 * self.second * tilt];
-                change = change.max((next[0] - source[0]).abs() / next[0]);
-                *source = next;
+                let next = 0.5 * mean;
+                change = change.max((next - source[0]).abs() / next);
+                (source[0], source[1]) = (next, 2.5 * self.second * tilt);
             }
             self.irradiance = irradiance;
             if change < TOLERANCE {
@@ -156,6 +174,59 @@ impl Sky {
             }
         }
     }
+}
+
+impl Sky {
+    /// The same for the part of the radiance that goes as the cosine of the azimuth from the Sun,
+    /// or of twice that (`order`): the surface has no part in it.
+    fn scatter_on_in_azimuth(&mut self, order: usize) {
+        let step = self.depth / (LEVELS - 1) as f64;
+        let angles = half_range();
+        // The addition theorem's factor 2 (2 - m)! / (2 + m)!.
+        let factor = 5.0 * self.second * if order == 1 { 1.0 / 3.0 } else { 1.0 / 12.0 };
+        let of_sun = factor / (4.0 * PI) * associated_polynomial(order, self.sun.z);
+        let sunlight: Vec<f64> =
+            (0..LEVELS).map(|level| of_sun * (-(level as f64) * step / self.sun.z).exp()).collect();
+        for _ in 0..MOST_ORDERS {
+            let mut moments = vec![0.0; LEVELS];
+            let mut pass =
+                |rise: f64, weight: f64, order_of_levels: &mut dyn Iterator<Item = usize>| {
+                    let polynomial = associated_polynomial(order, rise);
+                    let Step { kept, near, far } = Step::new(step / rise.abs());
+                    let (mut radiance, mut before) = (0.0, None);
+                    for level in order_of_levels {
+                        let source = polynomial * (self.source[level][order + 1] + sunlight[level]);
+                        if let Some(before) = before {
+                            radiance = kept * radiance + far * before + near * source;
+                        }
+                        before = Some(source);
+                        moments[level] += weight * radiance * polynomial;
+                    }
+                };
+            for (cosine, weight) in &angles {
+                // Light on its way down is seen by looking up.
+                pass(*cosine, *weight, &mut (0..LEVELS));
+                pass(-*cosine, *weight, &mut (0..LEVELS).rev());
+            }
+            let (mut change, mut most) = (0.0_f64, 0.0_f64);
+            for (source, moment) in self.source.iter_mut().zip(moments) {
+                let next = 0.25 * factor * moment;
+                change = change.max((next - source[order + 1]).abs());
+                most = most.max(next.abs());
+                source[order + 1] = next;
+            }
+            if change <= TOLERANCE * most {
+                break;
+            }
+        }
+    }
+}
+
+/// Cosines from 0 to 1 and their weights: the radiance jumps at the horizon.
+fn half_range() -> Vec<(f64, f64)> {
+    let rule = gauss_legendre(ZENITH_ANGLES / 2);
+    let both = |(x, w): (f64, f64)| [-x, x].map(|x| (0.5 + 0.5 * x, 0.5 * w));
+    rule.into_iter().flat_map(both).collect()
 }
 
 /// What a step through a source that is linear along it leaves and adds.
@@ -171,6 +242,12 @@ impl Step {
         let mean = -(-depth).exp_m1() / depth;
         Self { kept, near: 1.0 - mean, far: mean - kept }
     }
+}
+
+/// The associated Legendre polynomial of degree 2 and order 1 or 2.
+fn associated_polynomial(order: usize, cosine: f64) -> f64 {
+    let square = (1.0 - cosine * cosine).max(0.0);
+    if order == 1 { 3.0 * cosine * square.sqrt() } else { 3.0 * square }
 }
 
 fn second_polynomial(cosine: f64) -> f64 {

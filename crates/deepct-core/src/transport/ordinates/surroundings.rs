@@ -9,13 +9,14 @@
 
 use super::beam::{PARTS, Rays, add_all};
 use super::lattice::Lattice;
-use super::quadrature::{Octant, Quadrature};
+use super::quadrature::{Octant, Quadrature, gauss_legendre};
 use super::sky::Sky;
 use super::surface_points::{Corners, SurfacePoints};
 use super::sweep::Faces;
 use crate::math::{DVec3, Ray};
 use crate::scene::{Boundary, Scene, Surface};
 use rayon::prelude::*;
+use std::collections::BTreeMap;
 use std::f64::consts::PI;
 
 /// The cloud's light on the surface is blurred by its altitude: points as far apart as this
@@ -23,6 +24,9 @@ use std::f64::consts::PI;
 const BLUR: f64 = 0.25;
 /// As far beside the cloud as this many times its altitude, its light is looked at.
 const REACH: f64 = 2.0;
+
+/// Vertical components at which the light of the air is looked at for an ordinate.
+const BIN_NODES: usize = 6;
 
 /// Air and surface under the Sun.
 #[derive(Debug)]
@@ -105,6 +109,11 @@ impl Surroundings {
     /// Whether nothing comes from outside.
     pub(super) fn is_dark(&self) -> bool {
         self.sky.is_empty() && self.surface.is_black()
+    }
+
+    /// Whether there is air.
+    pub(super) fn has_air(&self) -> bool {
+        !self.sky.is_empty()
     }
 
     /// Number of points where the cloud's light falls on the surface; none where that does
@@ -314,10 +323,14 @@ impl Surroundings {
                 }
                 let opposite = &quadrature.octants[7 - index];
                 let mut leaving = Faces::dark(lattice, octant);
+                let mut levels: BTreeMap<(u64, usize), f32> = BTreeMap::new();
                 each_face(lattice, opposite, |place, ray| {
                     let back = Ray { direction: -ray.direction, ..ray };
-                    let sky = self.unclouded_outside(&back).radiance();
-                    *place.mean(&mut leaving, octant) = -sky as f32;
+                    let bin = opposite.bins[place.ordinate];
+                    let key = (ray.origin.z.to_bits(), place.ordinate);
+                    let sky =
+                        levels.entry(key).or_insert_with(|| self.air_of_bin(&back, bin) as f32);
+                    *place.mean(&mut leaving, octant) = -*sky;
                 });
                 self.add_irradiance(lattice, opposite, &mut leaving, &mut sum);
             }
@@ -328,19 +341,48 @@ impl Surroundings {
     /// What the air sends in through each face in an octant, and where the rest comes from.
     fn through_faces(&self, lattice: &Lattice, octant: &Octant) -> (Vec<f32>, Vec<Foot>) {
         let (mut air, mut feet) = (Vec::new(), Vec::new());
-        each_face(lattice, octant, |_, ray| {
-            let outside = self.unclouded_outside(&ray);
+        // All but the place on the surface depends on altitude and ordinate alone.
+        let mut levels: BTreeMap<(u64, usize), Outside> = BTreeMap::new();
+        each_face(lattice, octant, |FacePlace { ordinate, .. }, ray| {
+            let key = (ray.origin.z.to_bits(), ordinate);
+            let outside = levels.entry(key).or_insert_with(|| Outside {
+                air: self.air_of_bin(&ray, octant.bins[ordinate]),
+                ..self.unclouded_outside(&ray)
+            });
             air.push(outside.air as f32);
             if ray.direction.z < 0.0 {
+                let place = ray.at((self.surface.altitude - ray.origin.z) / ray.direction.z);
                 feet.push(Foot {
                     unshaded: outside.sunlight as f32,
                     share: outside.share as f32,
-                    shadow: Corners::new(&self.shadow, outside.foot),
-                    lit: Corners::new(&self.lit, outside.foot),
+                    shadow: Corners::new(&self.shadow, place),
+                    lit: Corners::new(&self.lit, place),
                 });
             }
         });
         (air, feet)
+    }
+
+    /// The mean light of the air in the vertical components that an ordinate stands for: it
+    /// grows towards the horizon, and few ordinates are near that.
+    fn air_of_bin(&self, ray: &Ray, [low, high]: [f64; 2]) -> f64 {
+        if self.sky.is_empty() {
+            return self.unclouded_outside(ray).air;
+        }
+        let flat = ray.direction.x.hypot(ray.direction.y);
+        let light = |(x, weight): (f64, f64)| {
+            let rise = (low + x * (high - low)).clamp(1e-4, 1.0 - 1e-9);
+            let scale = (1.0 - rise * rise).sqrt() / flat;
+            let direction = DVec3::new(
+                scale * ray.direction.x,
+                scale * ray.direction.y,
+                rise.copysign(ray.direction.z),
+            );
+            weight * self.unclouded_outside(&Ray { direction, ..*ray }).air
+        };
+        let rule = gauss_legendre(BIN_NODES);
+        let both = rule.iter().flat_map(|(x, w)| [-x, *x].map(|x| (0.5 + 0.5 * x, 0.5 * w)));
+        both.map(light).sum()
     }
 }
 

@@ -141,7 +141,7 @@ fn images_are_those_of_random_paths() {
             model(&extinction, Interpolation::Constant, boundary);
         let scene = Scene { surface, air, ..scene };
         let settings = OrdinatesSettings {
-            rays_per_side: 8,
+            rays_per_pixel: 55,
             cell_depth: 1.0,
             zenith_angles: 16,
             ..Default::default()

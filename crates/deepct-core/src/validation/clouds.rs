@@ -1,0 +1,423 @@
+//! The deterministic solver on whole clouds, judged by the Monte Carlo solver on what a user
+//! looks at: the light of the cloud, and its bright pixels.
+//!
+//! Most of an image of a small cloud is sea, so the mean of a view says little of the cloud.
+//! Here the signal of a view is the radiance minus that of the same scene without the cloud,
+//! summed over the pixels whose field of view meets the cloud; and the error of bright pixels is the
+//! root mean square of the relative difference, the variance of the Monte Carlo images subtracted.
+
+use super::{Effort, Row, Suite};
+use crate::cloud::{Cloud, CumulusSettings, cumulus};
+use crate::error::{Error, Result};
+use crate::grid::Volume;
+use crate::image::ViewStack;
+use crate::math::{DVec3, towards};
+use crate::optics::air::Air;
+use crate::optics::{DropletTable, Medium};
+use crate::scene::{Formation, Observation, Scene, Sun, Surface, View};
+use crate::transport::{
+    MonteCarloSettings, OrdinatesModel, OrdinatesSettings, Rendering, Solver, render,
+};
+use crate::traverse::walk;
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Instant;
+
+/// Relative error of a view's cloud signal that passes.
+const SIGNAL_TOLERANCE: f64 = 0.015;
+/// Root mean square error of bright pixels, averaged over the clouds, that passes.
+const PIXEL_TOLERANCE: f64 = 0.015;
+/// A pixel is bright if it has this share of the radiance of the brightest one of its view.
+const BRIGHT: f64 = 0.5;
+/// Rays along each side of a pixel that decide whether it meets the cloud.
+const RAYS: usize = 4;
+/// Zenith and azimuth, relative to the Sun's, of the views (degrees).
+const VIEWS_DEG: [(f64, f64); 6] =
+    [(0.0, 0.0), (15.0, 80.0), (30.0, 180.0), (40.0, 250.0), (50.0, 130.0), (60.0, 310.0)];
+/// Angles from exact backscatter of four more views (degrees).
+const BACKSCATTER_DEG: [f64; 4] = [0.0, 1.0, 3.0, 10.0];
+/// Pixels beside the cloud on each side of an image.
+const PIXELS_AROUND: f64 = 2.0;
+
+/// One cloud under one Sun, and its views.
+#[derive(Debug, Clone)]
+pub struct CloudCase {
+    /// What it is.
+    pub name: String,
+    /// Cloud, Sun, surface and air.
+    pub scene: Scene,
+    /// Six views from 0 to 60 degrees, and four at 0, 1, 3 and 10 degrees from backscatter.
+    pub views: Vec<View>,
+    /// Wavelength (um).
+    pub wavelength: f64,
+    /// Number of voxels with extinction.
+    pub voxels: usize,
+}
+
+/// How far the images of a view are from those of the Monte Carlo solver.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ViewError {
+    /// Cloud signal of the images over that of the reference, minus 1.
+    pub signal: f64,
+    /// Standard error of that, by the noise of the reference.
+    pub signal_noise: f64,
+    /// Relative error of the sum of the pixels beside the cloud.
+    pub beside: f64,
+    /// Root mean square of the relative error of bright pixels, the variance of the reference
+    /// subtracted.
+    pub pixels: f64,
+    /// The noise of the reference in bright pixels.
+    pub pixel_noise: f64,
+}
+
+/// What light there is.
+#[derive(Debug, Clone, Copy)]
+enum Light {
+    /// Droplets of Mie scattering in air above the ocean, at a wavelength (um).
+    Droplets(f64),
+    /// Henyey and Greenstein's function above a black surface, without air.
+    Greenstein,
+}
+
+/// Where a cloud comes from.
+#[derive(Debug, Clone, Copy)]
+enum Source {
+    /// The generator: seed, width and depth (km), droplets per cm3.
+    Generated(u64, f64, f64, f64),
+    /// One of the isolated clouds of a snapshot of the BOMEX simulation: that with the number of
+    /// voxels nearest to the one given, with so many droplets per cm3.
+    Bomex(usize, usize, f64),
+    /// A dense cumulus of the RICO simulation.
+    Rico,
+}
+
+/// All cases: name, source, zenith of the Sun (degrees), light. The first ones need no file.
+const CASES: [(&str, Source, f64, Light); 14] = {
+    use Light::{Droplets, Greenstein};
+    use Source::{Bomex, Generated, Rico};
+    [
+        ("generated 1, small", Generated(1, 0.35, 0.30, 100.0), 20.0, Droplets(0.672)),
+        ("generated 2, thin", Generated(2, 0.45, 0.16, 50.0), 40.0, Droplets(0.672)),
+        ("generated 3, medium", Generated(3, 0.55, 0.50, 150.0), 60.0, Greenstein),
+        ("generated 4, blue", Generated(4, 0.50, 0.40, 300.0), 40.0, Droplets(0.446)),
+        ("BOMEX, thin", Bomex(20, 60, 50.0), 40.0, Droplets(0.672)),
+        ("BOMEX, thin, no air", Bomex(20, 60, 50.0), 30.0, Greenstein),
+        ("BOMEX, small", Bomex(40, 120, 100.0), 20.0, Droplets(0.672)),
+        ("BOMEX, low Sun", Bomex(60, 150, 300.0), 60.0, Droplets(0.672)),
+        ("BOMEX, blue", Bomex(80, 200, 100.0), 40.0, Droplets(0.446)),
+        ("BOMEX, medium", Bomex(30, 400, 200.0), 40.0, Droplets(0.672)),
+        ("BOMEX, large", Bomex(50, 900, 600.0), 20.0, Droplets(0.672)),
+        ("BOMEX, large, no air", Bomex(70, 700, 100.0), 60.0, Greenstein),
+        ("RICO, dense", Rico, 40.0, Droplets(0.672)),
+        ("RICO, dense, no air", Rico, 20.0, Greenstein),
+    ]
+};
+
+/// The cases; those of simulations where `folder` has their files
+/// (`bomex/bomex_6km_seed2.nc`, `rico55/truth_*.nc`).
+///
+/// # Errors
+/// A file that cannot be read.
+pub fn cases(folder: Option<&Path>) -> Result<Vec<CloudCase>> {
+    let mut tables = BTreeMap::new();
+    let mut made = Vec::new();
+    for (name, source, sun_zenith, light) in CASES {
+        let cloud = match (source, folder) {
+            (Source::Generated(seed, width, depth, droplets), _) => {
+                generated(seed, width, depth, droplets)?
+            }
+            #[cfg(feature = "files")]
+            (Source::Bomex(time, voxels, droplets), Some(folder)) => {
+                bomex(folder, time, voxels, droplets)?
+            }
+            #[cfg(feature = "files")]
+            (Source::Rico, Some(folder)) => rico(folder)?,
+            _ => continue,
+        };
+        let medium = match light {
+            Light::Greenstein => Medium::from_cloud(&cloud)?,
+            Light::Droplets(wavelength) => {
+                let table = match tables.get(&wavelength.to_bits()) {
+                    Some(table) => Arc::clone(table),
+                    None => Arc::new(DropletTable::water(wavelength)?),
+                };
+                tables.insert(wavelength.to_bits(), Arc::clone(&table));
+                Medium::from_droplets(&cloud, table)?
+            }
+        };
+        made.push(CloudCase::new(name, medium, sun_zenith, light)?);
+    }
+    Ok(made)
+}
+
+/// A generated cumulus on voxels of the simulations' size.
+fn generated(seed: u64, width: f64, depth: f64, droplets: f64) -> Result<Cloud> {
+    let settings = CumulusSettings {
+        width_km: Some(width),
+        depth_km: Some(depth),
+        droplets_per_cm3: droplets,
+        ..CumulusSettings::default()
+    };
+    cumulus(&settings, seed)
+}
+
+#[cfg(feature = "files")]
+fn bomex(folder: &Path, time: usize, voxels: usize, droplets: f64) -> Result<Cloud> {
+    use crate::cloud::{IsolateSettings, isolate};
+    use crate::io::import::{ImportSettings, import_cloud};
+    let path = folder.join("bomex").join("bomex_6km_seed2.nc");
+    let settings =
+        ImportSettings { time, droplets_per_cm3: Some(droplets), ..ImportSettings::default() };
+    let field = import_cloud(&path, &settings)?;
+    let isolate_settings =
+        IsolateSettings { side: 40, columns: 6, water_path: 5.0, ..IsolateSettings::default() };
+    let count = |cloud: &Cloud| {
+        let water = cloud.microphysics.as_ref().map(|droplets| &droplets.liquid_water_content);
+        water.map_or(0, |water| water.iter().filter(|water| **water > 0.0).count())
+    };
+    let pieces = isolate(&field, &isolate_settings)?;
+    let nearest = pieces.into_iter().min_by_key(|piece| count(&piece.cloud).abs_diff(voxels));
+    nearest.map(|piece| piece.cloud).ok_or_else(|| {
+        Error::out_of_range("isolated clouds of the simulation", 0, "at least 1 at each time")
+    })
+}
+
+/// The cumulus of HybridCT's validation, droplets of 10 um.
+#[cfg(feature = "files")]
+fn rico(folder: &Path) -> Result<Cloud> {
+    let name = "truth_RICO_40m_80kmx80km_T_qc_30.0h_id055.nc";
+    let volume = crate::io::read_reference_extinction(&folder.join("rico55").join(name))?;
+    let mut cloud = Cloud::from_extinction(volume)?;
+    cloud.microphysics = Some(crate::cloud::Microphysics::of_one_size(cloud.grid.shape, 10.0));
+    Ok(cloud)
+}
+
+impl CloudCase {
+    /// A medium in its light, and its views.
+    fn new(name: &str, medium: Medium, sun_zenith: f64, light: Light) -> Result<Self> {
+        let sun_azimuth = 45.0_f64;
+        let sun = Sun::from_degrees(sun_zenith, sun_azimuth)?;
+        let (surface, air, wavelength) = match light {
+            Light::Droplets(wavelength) => {
+                (Surface::OCEAN, Some(Air::new(wavelength)?), wavelength)
+            }
+            Light::Greenstein => (Surface::BLACK, None, 0.672),
+        };
+        let voxels = medium.extinction.values.iter().filter(|value| **value > 0.0).count();
+        let scene = Scene { air, ..Scene::new(medium, sun, surface)? };
+        let general = VIEWS_DEG.map(|(zenith, azimuth)| {
+            towards(f64::to_radians(zenith), f64::to_radians(sun_azimuth + azimuth))
+        });
+        // Beside the Sun in azimuth and zenith alike.
+        let side = DVec3::Z.cross(sun.towards()).normalize();
+        let near = BACKSCATTER_DEG.map(|angle| {
+            let angle = f64::to_radians(angle);
+            let up = sun.towards().cross(side);
+            let away = (0.6 * side + 0.8 * up).normalize();
+            angle.cos() * sun.towards() + angle.sin() * away
+        });
+        let directions: Vec<DVec3> = general.into_iter().chain(near).collect();
+        let views = views_of(&scene.medium.extinction, &directions)?;
+        Ok(Self { name: name.to_owned(), scene, views, wavelength, voxels })
+    }
+
+    /// The images of the Monte Carlo solver without bias, from the file `NAME.nc` of the folder
+    /// `cache` where that holds them with no more noise than asked for.
+    ///
+    /// # Errors
+    /// Those of the solver; a cache that cannot be read or written.
+    pub fn reference(&self, noise: f64, seed: u64, cache: Option<&Path>) -> Result<Observation> {
+        #[cfg(feature = "files")]
+        if let Some(folder) = cache {
+            let path = self.cache_path(folder, noise, seed);
+            if path.exists() {
+                let observation = crate::io::read_observation(&path)?;
+                if observation.views == self.views && observation.sun == self.scene.sun {
+                    return Ok(observation);
+                }
+            }
+            let observation = self.sample(noise, seed)?;
+            let provenance = crate::io::Provenance {
+                title: format!("Monte Carlo images of {}", self.name),
+                configuration: format!("noise {noise}"),
+                seed,
+            };
+            crate::io::write_observation(&path, &observation, &provenance)?;
+            return Ok(observation);
+        }
+        let _ = cache;
+        self.sample(noise, seed)
+    }
+
+    #[cfg(feature = "files")]
+    fn cache_path(&self, folder: &Path, noise: f64, seed: u64) -> std::path::PathBuf {
+        let name: String =
+            self.name.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '_' }).collect();
+        folder.join(format!("{name}-{noise}-{seed}.nc"))
+    }
+
+    fn sample(&self, noise: f64, seed: u64) -> Result<Observation> {
+        let settings = MonteCarloSettings {
+            samples_per_pixel: 1 << 20,
+            noise: Some(noise),
+            seed,
+            similarity_after: None,
+        };
+        let Rendering { images, standard_error, .. } =
+            render(&self.scene, &self.views, &Solver::MonteCarlo(settings), &())?;
+        let mut observation = Observation::new(self.scene.sun, self.views.clone(), images)?;
+        (observation.wavelength, observation.standard_error) = (self.wavelength, standard_error);
+        Ok(observation)
+    }
+
+    /// The images of the deterministic solver.
+    ///
+    /// # Errors
+    /// Those of the solver.
+    pub fn images(&self, settings: &OrdinatesSettings) -> Result<ViewStack> {
+        let mut model = OrdinatesModel::new(&self.scene, &self.views, None, settings)?;
+        model.images(&self.scene.medium.extinction)
+    }
+
+    /// How far images are from the reference, view by view.
+    ///
+    /// # Errors
+    /// Those of the solver, which makes the images of the clear scene.
+    pub fn errors(&self, images: &ViewStack, reference: &Observation) -> Result<Vec<ViewError>> {
+        let clear = self.clear()?;
+        let truth = &reference.images;
+        let noise = reference.standard_error.as_ref().expect("random paths have noise");
+        let [count, rows, cols] = truth.shape();
+        let of_view = |number: usize| {
+            let view = &self.views[number];
+            let brightest = truth.image(number).fold(0.0_f32, |most, value| most.max(*value));
+            let (mut signal, mut difference, mut variance) = (0.0, 0.0, 0.0);
+            let (mut beside, mut beside_difference) = (0.0, 0.0);
+            let (mut squares, mut noises, mut bright) = (0.0, 0.0, 0.0);
+            for (row, col) in (0..rows).flat_map(|row| (0..cols).map(move |col| (row, col))) {
+                let at = [number, row, col];
+                let [found, expected, error, clear] =
+                    [&images.values, &truth.values, &noise.values, &clear.values]
+                        .map(|values| f64::from(values[at]));
+                if self.meets_cloud(view, [row, col]) {
+                    signal += expected - clear;
+                    difference += found - expected;
+                    variance += error * error;
+                } else {
+                    beside += expected;
+                    beside_difference += found - expected;
+                }
+                if expected >= BRIGHT * f64::from(brightest) {
+                    squares += (found / expected - 1.0).powi(2);
+                    noises += (error / expected).powi(2);
+                    bright += 1.0;
+                }
+            }
+            ViewError {
+                signal: difference / signal,
+                signal_noise: variance.sqrt() / signal,
+                beside: beside_difference / beside,
+                pixels: ((squares - noises).max(0.0) / bright).sqrt(),
+                pixel_noise: (noises / bright).sqrt(),
+            }
+        };
+        Ok((0..count).map(of_view).collect())
+    }
+
+    /// The images without the cloud.
+    fn clear(&self) -> Result<ViewStack> {
+        let grid = self.scene.medium.extinction.grid;
+        let mut scene = self.scene.clone();
+        scene.medium.extinction = Volume::constant(grid, 0.0);
+        let settings = OrdinatesSettings::default();
+        let mut model = OrdinatesModel::new(&scene, &self.views, None, &settings)?;
+        model.images(&scene.medium.extinction)
+    }
+
+    fn meets_cloud(&self, view: &View, [row, col]: [usize; 2]) -> bool {
+        let Volume { grid, values } = &self.scene.medium.extinction;
+        (0..RAYS * RAYS).any(|number| {
+            let place = |n: usize| (n as f64 + 0.5) / RAYS as f64;
+            let ray =
+                view.ray(row as f64 + place(number / RAYS), col as f64 + place(number % RAYS));
+            walk(grid, &ray).any(|step| values[step.voxel] > 0.0)
+        })
+    }
+}
+
+/// Cameras at 600 km that look at the middle of the cloud from the given directions, with pixels of
+/// the voxels' size and images that hold the cloud in all views.
+fn views_of(extinction: &Volume, directions: &[DVec3]) -> Result<Vec<View>> {
+    let grid = &extinction.grid;
+    let (mut lower, mut upper) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+    for ((k, j, i), _) in extinction.values.indexed_iter().filter(|(_, value)| **value > 0.0) {
+        let center = grid.voxel_center([k, j, i]);
+        lower = lower.min(center - 0.5 * grid.spacing);
+        upper = upper.max(center + 0.5 * grid.spacing);
+    }
+    let target = 0.5 * (lower + upper);
+    let formation = Formation::cloudct_10();
+    let view = |direction: &DVec3, size: [usize; 2]| {
+        let distance = formation.distance(direction.z.acos());
+        View::perspective(target + distance * direction, target, grid.spacing.x / 600.0, size)
+    };
+    let mut reach = [0.0_f64; 2];
+    for direction in directions {
+        let seen = view(direction, [2, 2])?;
+        for corner in 0..8 {
+            let side = |axis: usize| if corner >> axis & 1 == 0 { lower } else { upper }[axis];
+            let point = DVec3::new(side(0), side(1), side(2));
+            if let Some((row, col)) = seen.project(point) {
+                reach = [reach[0].max((row - 1.0).abs()), reach[1].max((col - 1.0).abs())];
+            }
+        }
+    }
+    let size = reach.map(|reach| 2 * (reach + PIXELS_AROUND).ceil() as usize);
+    directions.iter().map(|direction| view(direction, size)).collect()
+}
+
+/// A row for the signal of each view, one for the bright pixels of each cloud, and one for those of
+/// all clouds.
+pub(super) fn run(
+    effort: Effort,
+    folder: Option<&Path>,
+    cache: Option<&Path>,
+    row: &mut dyn FnMut(Row),
+) -> Result<()> {
+    let noise = if effort.relative_error.is_some() { 0.004 } else { 0.01 };
+    let mut all = Vec::new();
+    for case in cases(folder)? {
+        let reference = case.reference(noise, effort.seed, cache)?;
+        let started = Instant::now();
+        let images = case.images(&OrdinatesSettings::default())?;
+        let seconds = started.elapsed().as_secs_f64();
+        let errors = case.errors(&images, &reference)?;
+        for (number, error) in errors.iter().enumerate() {
+            let tolerance = SIGNAL_TOLERANCE + 3.0 * error.signal_noise;
+            row(Row {
+                suite: Suite::Clouds,
+                case: format!("{}: cloud signal, view {number}", case.name),
+                value: 1.0 + error.signal,
+                standard_error: error.signal_noise,
+                reference: 1.0,
+                tolerance,
+                passed: error.signal.abs() <= tolerance,
+                seconds: seconds / errors.len() as f64,
+            });
+        }
+        all.push(errors.iter().map(|error| error.pixels).sum::<f64>() / errors.len() as f64);
+    }
+    let pixels = all.iter().sum::<f64>() / all.len() as f64;
+    row(Row {
+        suite: Suite::Clouds,
+        case: "bright pixels, root mean square, mean over clouds".into(),
+        value: pixels,
+        standard_error: 0.0,
+        reference: 0.0,
+        tolerance: PIXEL_TOLERANCE,
+        passed: pixels <= PIXEL_TOLERANCE,
+        seconds: 0.0,
+    });
+    Ok(())
+}
