@@ -84,8 +84,6 @@ pub(super) struct Camera<'a> {
     pub(super) count: usize,
     /// The least number of rays of a pixel.
     pub(super) rays_per_pixel: usize,
-    /// The largest extinction that is prepared for (1/km).
-    pub(super) largest_extinction: f64,
 }
 
 /// What the rays of a tile have in common.
@@ -209,7 +207,7 @@ impl Camera<'_> {
         let count = harmonics.len();
         let cells = self.moments.chunks_exact(4 * count).enumerate();
         let scattered = |(slot, moments): (usize, &[f32])| {
-            let by = self.rays.optics.scattered(slot);
+            let by = self.rays.optics.scattered(self.rays.lattice.owner(slot));
             let mut sums = [0.0_f32; 4];
             for (sum, moments) in sums.iter_mut().zip(moments.chunks_exact(count)) {
                 *sum = moments.iter().zip(&harmonics).zip(by).map(|((m, y), s)| m * y * s).sum();
@@ -240,7 +238,7 @@ impl Camera<'_> {
 
     /// Number of rays of a pixel: more of them where it is wider than a voxel.
     fn ray_count(&self, view: &View) -> usize {
-        let spacing = self.rays.lattice.voxel_spacing();
+        let spacing = self.rays.lattice.grid.spacing;
         let across = (view.pixel_km() / spacing.min_element()).max(1.0);
         let wanted = (self.rays_per_pixel as f64 * across * across).ceil() as usize;
         let enough = FIBONACCI.iter().position(|count| *count >= wanted);
@@ -329,7 +327,7 @@ impl Camera<'_> {
         // Transmittance to the top of the block, and light of the air as far as the last cell.
         let (mut to_top, mut light) = (1.0, 0.0);
         for segment in lattice.segments(ray) {
-            let slot = segment.slot;
+            let number = segment.number;
             let leave = segment.enter + segment.length;
             if inside.is_none() {
                 let [seen, passed] = air.at(altitude(segment.enter));
@@ -338,54 +336,60 @@ impl Camera<'_> {
                 optics.densities(ray.direction.dot(self.sun), changes, densities);
             }
             inside = Some([inside.map_or(segment.enter, |ends| ends[0]), leave]);
-            let reach = segment.to - segment.from;
-            let kept = f64::from(optics.kept(slot));
+            let kept = f64::from(optics.kept(number));
             // Not by the extinction that there is: the radiance would jump where it changes.
-            let count = (kept * self.largest_extinction * segment.length / STEP).ceil().max(1.0);
-            let length = segment.length / count;
+            let thickness = kept * f64::from(lattice.active()[number].prepared) / STEP;
             let [entered, _] = air.at(altitude(segment.enter));
             let mut gap = to_top * (entered - light) * f64::exp(-depth);
             light = entered;
-            for step in 0..count as usize {
-                let places = POINTS.map(|x| segment.from + (step as f64 + x) / count * reach);
-                let values = places.map(|at| lattice.value(extinction, slot, at));
-                let [seen, passed] = air.at(altitude(segment.enter + (step as f64 + 1.0) * length));
-                let part = |weights: [f64; 2]| {
-                    kept * length * (weights[0] * values[0] + weights[1] * values[1])
-                };
-                let point = |number: usize| {
-                    let at = places[number];
-                    let to_camera = depth + part(before[number]);
-                    let to_sun = sun_depth(&self.sun_depths[slot], at);
-                    let of_cloud = (to_sun - f64::from(self.air_depths[slot])).max(0.0) + to_camera;
-                    let (single, change) = optics.density(slot, densities, of_cloud);
-                    let lit = (-to_sun).exp();
-                    let functions = super::lattice::basis(at);
-                    let diffuse: f64 = functions
-                        .iter()
-                        .zip(&scattered[slot])
-                        .map(|(function, value)| function * f64::from(*value))
-                        .sum();
-                    Point {
-                        at,
-                        extinction: values[number],
-                        source: single * lit + diffuse,
-                        sunlight: single * lit,
-                        broadening: change * lit,
-                        transmittance: to_top * passed * (-to_camera).exp(),
-                    }
-                };
-                steps.push(Step {
-                    slot,
-                    points: [point(0), point(1)],
-                    kept,
-                    length,
-                    before: std::mem::take(&mut gap),
-                    air: to_top * (seen - light) * (-depth - part(before_middle)).exp(),
-                });
-                light = seen;
-                depth += part([0.5, 0.5]);
-            }
+            lattice.cells(&segment, |cell| {
+                let slot = cell.slot;
+                let reach = cell.to - cell.from;
+                let count = (thickness * cell.length).ceil().max(1.0);
+                let length = cell.length / count;
+                for step in 0..count as usize {
+                    let places = POINTS.map(|x| cell.from + (step as f64 + x) / count * reach);
+                    let values = places.map(|at| lattice.value(extinction, slot, at));
+                    let [seen, passed] =
+                        air.at(altitude(cell.enter + (step as f64 + 1.0) * length));
+                    let part = |weights: [f64; 2]| {
+                        kept * length * (weights[0] * values[0] + weights[1] * values[1])
+                    };
+                    let point = |n: usize| {
+                        let at = places[n];
+                        let to_camera = depth + part(before[n]);
+                        let to_sun = sun_depth(&self.sun_depths[slot], at);
+                        let of_cloud =
+                            (to_sun - f64::from(self.air_depths[slot])).max(0.0) + to_camera;
+                        let (single, change) = optics.density(number, densities, of_cloud);
+                        let lit = (-to_sun).exp();
+                        let functions = super::lattice::basis(at);
+                        let diffuse: f64 = functions
+                            .iter()
+                            .zip(&scattered[slot])
+                            .map(|(function, value)| function * f64::from(*value))
+                            .sum();
+                        Point {
+                            at,
+                            extinction: values[n],
+                            source: single * lit + diffuse,
+                            sunlight: single * lit,
+                            broadening: change * lit,
+                            transmittance: to_top * passed * (-to_camera).exp(),
+                        }
+                    };
+                    steps.push(Step {
+                        slot,
+                        points: [point(0), point(1)],
+                        kept,
+                        length,
+                        before: std::mem::take(&mut gap),
+                        air: to_top * (seen - light) * (-depth - part(before_middle)).exp(),
+                    });
+                    light = seen;
+                    depth += part([0.5, 0.5]);
+                }
+            });
         }
         let Some([enter, leave]) = inside else {
             let outside = self.surroundings.outside(&ray, self.on_surface);
@@ -436,7 +440,7 @@ impl Derivative {
             extinction: vec![0.0; voxels],
             sun_depths: vec![[0.0; 8]; slots],
             on_surface: BySurface {
-                shadow_depths: vec![0.0; on_surface.shadow_depths.len()],
+                shade: vec![0.0; on_surface.shade.len()],
                 irradiance: vec![0.0; on_surface.irradiance.len()],
             },
             scattered: vec![[0.0; 4]; slots],

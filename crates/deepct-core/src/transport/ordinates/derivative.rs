@@ -17,8 +17,13 @@ impl OrdinatesModel {
         let count = self.quadrature.harmonics;
         let (mut derivative, mut by_moments) = self.seen(state, weights);
 
-        // The adjoint radiance, of light that goes backwards from the cameras.
+        // The adjoint radiance, of light that goes backwards from the cameras. Equations are by
+        // volume, so what is transposed counts by the volume of cells.
         reverse(&mut by_moments, count);
+        for (slot, values) in by_moments.chunks_exact_mut(4 * count).enumerate() {
+            let by_volume = 1.0 / self.lattice.share(slot);
+            values.iter_mut().for_each(|value| *value *= by_volume);
+        }
         let start = self.adjoint.clone().unwrap_or_else(|| transport.dark());
         let OrdinatesSettings { tolerance, most_sweeps, .. } = self.settings;
         let thrown = self.thrown_on_surface(&derivative.on_surface.irradiance);
@@ -29,22 +34,17 @@ impl OrdinatesModel {
         let forward = Origin { own: &state.first, outside: &state.outside, ..Origin::default() };
         let (by_kept, mut leaving) =
             transport.by_extinction([(&state.field, forward), (&adjoint, backward)]);
-        if !state.shadow_depths.is_empty() {
+        if !state.shade.is_empty() {
             let spread = |(octant, leaving): (&Octant, &mut Faces)| {
-                let mut sums = vec![0.0; state.shadow_depths.len()];
-                let depths = &state.shadow_depths;
-                self.surroundings.spread_incoming(
-                    &self.lattice,
-                    octant,
-                    depths,
-                    leaving,
-                    &mut sums,
-                );
+                let mut sums = vec![0.0; state.shade.len()];
+                self.surroundings.spread_incoming(&self.lattice, octant, leaving, &mut sums);
                 sums
             };
             let octants = self.quadrature.octants.par_iter().zip(&mut leaving);
             let parts: Vec<_> = octants.map(spread).collect();
-            add_all(&mut derivative.on_surface.shadow_depths, &parts);
+            let mut sum = vec![0.0; state.shade.len()];
+            add_all(&mut sum, &parts);
+            add_all(&mut derivative.on_surface.shade, &[self.surroundings.blurred(&sum)]);
         }
 
         // What it does to scattering, again and for the first time.
@@ -54,22 +54,25 @@ impl OrdinatesModel {
         let mut by_stopped = vec![[0.0; 4]; self.lattice.len()];
         for (slot, by_kept) in by_kept.iter().enumerate() {
             let row = |m: usize| (slot * 4 + m) * count..(slot * 4 + m + 1) * count;
-            let by = self.optics.scattered(slot);
+            let (number, share) = (self.lattice.owner(slot), self.lattice.share(slot));
+            let by = self.optics.scattered(number);
             let product = |a: usize, b: usize| -> f32 {
                 let pairs = reversed[row(a)].iter().zip(&state.field.moments[row(b)]);
                 pairs.zip(by).map(|((a, b), by)| a * b * by).sum()
             };
-            let mut values = by_kept.map(|value| self.optics.kept(slot) * value);
+            let mut values = by_kept.map(|value| self.optics.kept(number) * value);
             values[0] += (0..4).map(|m| product(m, m)).sum::<f32>();
             (1..4).for_each(|m| values[m] += product(0, m) + product(m, 0));
+            let values = values.map(|value| share * value);
             self.lattice.spread_coefficients(&mut derivative.extinction, slot, values);
             let turned = turned(slot);
             for (m, sum) in by_stopped[slot].iter_mut().enumerate() {
-                *sum = reversed[row(m)].iter().zip(&turned).map(|(a, b)| a * b).sum();
+                let pairs = reversed[row(m)].iter().zip(&turned);
+                *sum = share * pairs.map(|(a, b)| a * b).sum::<f32>();
             }
         }
         let Derivative { extinction, sun_depths, on_surface, .. } = &mut derivative;
-        self.surroundings.spread_shadow_depths(&rays, &on_surface.shadow_depths, extinction);
+        self.surroundings.spread_shade(&rays, &state.shade, &on_surface.shade, extinction);
         rays.spread_stopped(&state.sun_depths, &by_stopped, extinction, sun_depths);
         rays.spread_sun_depths(self.scene.sun.towards(), sun_depths, extinction);
         (derivative.extinction, adjoint)
@@ -116,7 +119,7 @@ impl OrdinatesModel {
             let cells = by_moments.par_chunks_mut(count).enumerate();
             cells.for_each(|(row, into)| {
                 let (slot, m) = (row / 4, row % 4);
-                let by = self.optics.scattered(slot);
+                let by = self.optics.scattered(self.lattice.owner(slot));
                 for (part, harmonics) in parts.iter().zip(&harmonics) {
                     let scattered = part.scattered[slot][m];
                     for ((sum, y), s) in into.iter_mut().zip(harmonics).zip(by) {
@@ -129,7 +132,7 @@ impl OrdinatesModel {
         for part in &parts {
             add_all(&mut sum.extinction, std::slice::from_ref(&part.extinction));
             let (into, part_of) = (&mut sum.on_surface, &part.on_surface);
-            add_all(&mut into.shadow_depths, std::slice::from_ref(&part_of.shadow_depths));
+            add_all(&mut into.shade, std::slice::from_ref(&part_of.shade));
             add_all(&mut into.irradiance, std::slice::from_ref(&part_of.irradiance));
             add_rows(&mut sum.sun_depths, &part.sun_depths);
         }

@@ -110,7 +110,7 @@ impl Transport<'_> {
         let count = self.quadrature.harmonics;
         let cells = source.par_chunks_mut(4 * count).zip(moments.par_chunks(4 * count));
         cells.enumerate().for_each(|(slot, (source, moments))| {
-            let by = self.rays.optics.scattered(slot);
+            let by = self.rays.optics.scattered(self.lattice().owner(slot));
             let [mean, x, y, z] = self.whole[slot];
             let row = |m: usize| &moments[m * count..][..count];
             for (axis, slope) in [x, y, z].into_iter().enumerate() {

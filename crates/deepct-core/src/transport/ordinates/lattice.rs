@@ -6,147 +6,216 @@ use crate::optics::Interpolation;
 use crate::scene::Boundary;
 use crate::traverse::walk;
 
-/// Mark of a cell that is not active.
+/// Mark of a voxel that is not active.
 const NONE: u32 = u32::MAX;
+/// The most cells that a voxel is split into along an axis.
+pub(super) const MOST_PARTS: usize = 8;
 
-/// The cells: voxels of a constant medium, boxes between voxel centres of a trilinear one,
-/// split where they are too thick. Those that hold medium, or may come to hold some, are
-/// active and have a slot each.
+/// The cells: voxels of a constant medium, boxes between voxel centres of a trilinear one (both are
+/// called voxels here). Those that hold medium, or may come to hold some, are active, and split
+/// where they are optically thick; each of their cells has a slot.
 #[derive(Debug)]
 pub(super) struct Lattice {
-    /// Where the cells are: a block around all that is active.
+    /// A block of voxels around all that is active.
     pub(super) grid: Grid,
     /// The sides.
     pub(super) boundary: Boundary,
-    /// The cells of a voxel or box along x, y, z.
-    split: DVec3,
-    /// Slot of each cell, or [`NONE`].
-    slots: Vec<u32>,
+    /// Number of each voxel of the block among the active ones, or [`NONE`].
+    numbers: Vec<u32>,
     active: Vec<Active>,
-    /// The voxels at the corners of the box of each slot, x fastest; the one voxel that it
-    /// is a part of where the medium is constant.
+    /// Number of the active voxel of each slot.
+    owners: Vec<u32>,
+    /// Whether voxels are split along x, y, z.
+    splits: [bool; 3],
+    /// The voxels of the medium at the corners of each active voxel, x fastest; the one that it
+    /// is where the medium is constant.
     corners: Vec<u32>,
     corners_each: usize,
 }
 
-/// An active cell.
+/// An active voxel.
 #[derive(Debug, Clone, Copy)]
-struct Active {
-    cell: u32,
-    /// Its lower corner in its voxel or box, from 0 to 1 along each axis.
-    offset: DVec3,
+pub(super) struct Active {
+    /// Its index in the block.
+    voxel: u32,
+    /// Number of its parts along an axis that is split, and the slot of the first of them.
+    pub(super) parts: u32,
+    pub(super) first: u32,
+    /// The extinction (1/km) that it is prepared for.
+    pub(super) prepared: f32,
 }
 
-/// A part of a ray, in one active cell.
+/// A part of a ray, in one active voxel.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Segment {
-    /// The slot of the cell.
-    pub(super) slot: usize,
+    /// The number of the voxel among the active ones.
+    pub(super) number: usize,
     /// Distance from the ray's origin at which it enters, and length (km).
     pub(super) enter: f64,
     pub(super) length: f64,
-    /// Where it enters and leaves, from 0 to 1 along x, y, z of the cell.
+    /// Where it enters and leaves, from 0 to 1 along x, y, z of the voxel.
+    pub(super) from: DVec3,
+    pub(super) to: DVec3,
+}
+
+/// A part of a ray, in one cell.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct CellSegment {
+    /// The slot of the cell.
+    pub(super) slot: usize,
+    /// As of a [`Segment`], along x, y, z of the cell.
+    pub(super) enter: f64,
+    pub(super) length: f64,
     pub(super) from: DVec3,
     pub(super) to: DVec3,
 }
 
 impl Lattice {
-    /// The cells of a grid of voxels, split along x, y, z; `active` tells whether a voxel
-    /// matters.
+    /// The cells of a grid of voxels. `prepared` gives the extinction (1/km) that a voxel is
+    /// prepared for, and `None` of one that does not matter; `parts` the number of cells along an
+    /// axis of a voxel prepared for an extinction. A periodic axis of a single voxel is not split.
     pub(super) fn new(
         voxels: &Grid,
         interpolation: Interpolation,
         boundary: Boundary,
-        split: [usize; 3],
-        active: impl Fn(usize) -> bool,
+        prepared: impl Fn(usize) -> Option<f32>,
+        parts: impl Fn(f32) -> usize,
     ) -> Self {
         let (boxes, corners_each) = match interpolation {
             Interpolation::Constant => (*voxels, 1),
             Interpolation::Trilinear => (boxes(voxels, boundary), 8),
         };
-        let holds = |place: [usize; 3]| {
-            corners(voxels, place, corners_each).iter().any(|voxel| active(*voxel as usize))
+        let of_box = |place: [usize; 3]| {
+            let corners = corners(voxels, place, corners_each);
+            corners.iter().filter_map(|voxel| prepared(*voxel as usize)).reduce(f32::max)
         };
         // Between open sides nothing happens beyond the last active box.
-        let [first, shape] = bounds(&boxes, boundary, holds);
-        let parts = DVec3::from_array(split.map(|n| n as f64));
-        let [sx, sy, sz] = split;
+        let [first, shape] = bounds(&boxes, boundary, |place| of_box(place).is_some());
         let start = DVec3::new(first[2] as f64, first[1] as f64, first[0] as f64);
-        let grid = Grid {
-            origin: boxes.origin + start * boxes.spacing,
-            spacing: boxes.spacing / parts,
-            shape: [shape[0] * sz, shape[1] * sy, shape[2] * sx],
-        };
+        let grid = Grid { origin: boxes.origin + start * boxes.spacing, shape, ..boxes };
+        let alone = |index: usize| boundary == Boundary::Periodic && voxels.shape[index] == 1;
         let mut lattice = Self {
             grid,
             boundary,
-            split: parts,
-            slots: vec![NONE; grid.len()],
+            numbers: vec![NONE; grid.len()],
             active: Vec::new(),
+            owners: Vec::new(),
+            splits: [!alone(2), !alone(1), true],
             corners: Vec::new(),
             corners_each,
         };
-        for (cell, slot) in lattice.slots.iter_mut().enumerate() {
-            let [k, j, i] = index(&grid, cell);
-            let place = [first[0] + k / sz, first[1] + j / sy, first[2] + i / sx];
-            if holds(place) {
-                *slot = lattice.active.len() as u32;
-                let part = DVec3::new((i % sx) as f64, (j % sy) as f64, (k % sz) as f64);
-                lattice.active.push(Active { cell: cell as u32, offset: part / parts });
-                lattice.corners.extend(corners(voxels, place, corners_each));
-            }
+        for voxel in 0..grid.len() {
+            let [k, j, i] = index(&grid, voxel);
+            let place = [first[0] + k, first[1] + j, first[2] + i];
+            let Some(prepared) = of_box(place) else { continue };
+            let parts = parts(prepared).clamp(1, MOST_PARTS) as u32;
+            let number = lattice.active.len() as u32;
+            let first = lattice.owners.len() as u32;
+            lattice.numbers[voxel] = number;
+            lattice.active.push(Active { voxel: voxel as u32, parts, first, prepared });
+            lattice.corners.extend(corners(voxels, place, corners_each));
+            let cells: usize = lattice.parts_along(parts).iter().product();
+            lattice.owners.resize(first as usize + cells, number);
         }
         lattice
     }
 
-    /// Number of active cells.
+    /// Number of slots.
     pub(super) fn len(&self) -> usize {
-        self.active.len()
+        self.owners.len()
     }
 
-    /// Size of the voxels or boxes that cells are parts of (km).
-    pub(super) fn voxel_spacing(&self) -> DVec3 {
-        self.grid.spacing * self.split
+    /// The active voxels.
+    pub(super) fn active(&self) -> &[Active] {
+        &self.active
     }
 
-    /// The slot of a cell, if it is active.
+    /// The active voxel at an index of the block.
     #[inline(always)]
-    pub(super) fn slot(&self, cell: usize) -> Option<usize> {
-        let slot = self.slots[cell];
-        (slot != NONE).then_some(slot as usize)
+    pub(super) fn at(&self, voxel: usize) -> Option<&Active> {
+        self.active.get(self.numbers[voxel] as usize)
     }
 
-    /// The voxels that a slot takes its properties from.
-    #[inline]
-    pub(super) fn voxels_of(&self, slot: usize) -> &[u32] {
-        &self.corners[slot * self.corners_each..][..self.corners_each]
+    /// The number of the active voxel of a slot.
+    #[inline(always)]
+    pub(super) fn owner(&self, slot: usize) -> usize {
+        self.owners[slot] as usize
     }
 
-    /// The extinction at a place in a cell, from 0 to 1 along each axis.
+    /// Number of cells along x, y, z of a voxel of so many parts.
+    #[inline(always)]
+    pub(super) fn parts_along(&self, parts: u32) -> [usize; 3] {
+        self.splits.map(|split| if split { parts as usize } else { 1 })
+    }
+
+    /// Number of cells along x, y, z of the voxel of a slot, and the place of the slot among them.
     #[inline]
-    pub(super) fn value(&self, voxels: &[f32], slot: usize, at: DVec3) -> f64 {
-        match self.voxels_of(slot) {
+    fn place(&self, slot: usize) -> (DVec3, DVec3) {
+        let active = &self.active[self.owner(slot)];
+        let [px, py, pz] = self.parts_along(active.parts);
+        let cell = slot - active.first as usize;
+        let place = [cell % px, cell / px % py, cell / px / py].map(|n| n as f64);
+        (DVec3::new(px as f64, py as f64, pz as f64), DVec3::from_array(place))
+    }
+
+    /// Volume of a cell over that of a voxel.
+    #[inline]
+    pub(super) fn share(&self, slot: usize) -> f32 {
+        let cells: usize = self.parts_along(self.active[self.owner(slot)].parts).iter().product();
+        1.0 / cells as f32
+    }
+
+    /// The voxels that an active voxel takes its properties from.
+    #[inline]
+    pub(super) fn voxels_of(&self, number: usize) -> &[u32] {
+        &self.corners[number * self.corners_each..][..self.corners_each]
+    }
+
+    /// The extinction at a place in an active voxel, from 0 to 1 along each axis.
+    #[inline]
+    pub(super) fn value_in(&self, voxels: &[f32], number: usize, at: DVec3) -> f64 {
+        match self.voxels_of(number) {
             [voxel] => f64::from(voxels[*voxel as usize]),
             corners => {
-                let weights = corner_weights(self.active[slot].offset + at / self.split);
-                let pairs = corners.iter().zip(weights);
+                let pairs = corners.iter().zip(corner_weights(at));
                 pairs.map(|(voxel, weight)| weight * f64::from(voxels[*voxel as usize])).sum()
             }
         }
     }
 
-    /// The transpose of [`Lattice::value`].
+    /// The transpose of [`Lattice::value_in`].
     #[inline]
-    pub(super) fn spread(&self, voxels: &mut [f64], slot: usize, at: DVec3, value: f64) {
-        match self.voxels_of(slot) {
+    pub(super) fn spread_in(&self, voxels: &mut [f64], number: usize, at: DVec3, value: f64) {
+        match self.voxels_of(number) {
             [voxel] => voxels[*voxel as usize] += value,
             corners => {
-                let weights = corner_weights(self.active[slot].offset + at / self.split);
-                for (voxel, weight) in corners.iter().zip(weights) {
+                for (voxel, weight) in corners.iter().zip(corner_weights(at)) {
                     voxels[*voxel as usize] += weight * value;
                 }
             }
         }
+    }
+
+    /// A place in a cell as one in its voxel, both from 0 to 1 along each axis.
+    #[inline]
+    fn in_voxel(&self, slot: usize, at: DVec3) -> DVec3 {
+        if self.corners_each == 1 {
+            return at;
+        }
+        let (parts, place) = self.place(slot);
+        (place + at) / parts
+    }
+
+    /// The extinction at a place in a cell, from 0 to 1 along each axis.
+    #[inline]
+    pub(super) fn value(&self, voxels: &[f32], slot: usize, at: DVec3) -> f64 {
+        self.value_in(voxels, self.owner(slot), self.in_voxel(slot, at))
+    }
+
+    /// The transpose of [`Lattice::value`].
+    #[inline]
+    pub(super) fn spread(&self, voxels: &mut [f64], slot: usize, at: DVec3, value: f64) {
+        self.spread_in(voxels, self.owner(slot), self.in_voxel(slot, at), value);
     }
 
     /// Mean and slopes of the extinction of a cell.
@@ -172,32 +241,80 @@ impl Lattice {
 
     /// A place in a cell, from 0 to 1 along each axis, in km.
     pub(super) fn point(&self, slot: usize, at: DVec3) -> DVec3 {
-        let [k, j, i] = index(&self.grid, self.active[slot].cell as usize);
+        let [k, j, i] = index(&self.grid, self.active[self.owner(slot)].voxel as usize);
         let corner = DVec3::new(i as f64, j as f64, k as f64);
-        self.grid.origin + self.grid.spacing * (corner + at)
+        let (parts, place) = self.place(slot);
+        self.grid.origin + self.grid.spacing * (corner + (place + at) / parts)
     }
 
-    /// The active cells that a ray passes, in order.
+    /// The active voxels that a ray passes, in order.
     pub(super) fn segments(&self, ray: Ray) -> impl Iterator<Item = Segment> {
         let grid = self.unfolded(&ray);
         let [_, ny, nx] = self.grid.shape;
-        // Most cells of a block are not active, and most rays stay in one copy of it.
+        // Most voxels of a block are not active, and most rays stay in one copy of it.
         let folded = |index: usize, count: usize| if index < count { index } else { index % count };
         let origin = (ray.origin - grid.origin) / grid.spacing;
         let direction = ray.direction / grid.spacing;
         walk(&grid, &ray).filter_map(move |step| {
             let [k, j, i] = step.voxel;
-            let slot = self.slot((k * ny + folded(j, ny)) * nx + folded(i, nx))?;
+            let number = self.numbers[(k * ny + folded(j, ny)) * nx + folded(i, nx)];
+            if number == NONE {
+                return None;
+            }
             let corner = DVec3::new(i as f64, j as f64, k as f64);
             let local = |distance: f64| origin + distance * direction - corner;
             Some(Segment {
-                slot,
+                number: number as usize,
                 enter: step.enter,
                 length: step.exit - step.enter,
                 from: local(step.enter),
                 to: local(step.exit),
             })
         })
+    }
+
+    /// Pass the cells of a part of a ray to `visit`, in order.
+    #[inline]
+    pub(super) fn cells(&self, segment: &Segment, mut visit: impl FnMut(CellSegment)) {
+        let Segment { number, enter, length, from, to } = *segment;
+        let Active { parts, first, .. } = self.active[number];
+        if parts == 1 {
+            visit(CellSegment { slot: first as usize, enter, length, from, to });
+            return;
+        }
+        let along = self.parts_along(parts);
+        let parts = DVec3::new(along[0] as f64, along[1] as f64, along[2] as f64);
+        let (from, reach) = (from * parts, (to - from) * parts);
+        // The shares of the way at which the ray goes from cell to cell.
+        let mut crossings = [1.0; 3 * MOST_PARTS];
+        let mut count = 0;
+        for axis in 0..3 {
+            for plane in 1..along[axis] {
+                let share = (plane as f64 - from[axis]) / reach[axis];
+                if share > 0.0 && share < 1.0 {
+                    crossings[count] = share;
+                    count += 1;
+                }
+            }
+        }
+        crossings[..count].sort_unstable_by(f64::total_cmp);
+        let mut before = 0.0;
+        for &share in &crossings[..=count] {
+            let middle = from + 0.5 * (before + share) * reach;
+            let last = parts - 1.0;
+            let place = middle.floor().clamp(DVec3::ZERO, last);
+            let [i, j, k] = place.to_array().map(|n| n as usize);
+            if share > before {
+                visit(CellSegment {
+                    slot: first as usize + (k * along[1] + j) * along[0] + i,
+                    enter: enter + before * length,
+                    length: (share - before) * length,
+                    from: from + before * reach - place,
+                    to: from + share * reach - place,
+                });
+            }
+            before = share;
+        }
     }
 
     /// The grid; between periodic sides as many of its copies as a ray passes.

@@ -31,7 +31,6 @@ use crate::error::{Error, Result};
 use crate::grid::{Mask, Volume};
 use crate::image::ViewStack;
 use crate::math::DVec3;
-use crate::optics::Medium;
 use crate::scene::{Boundary, Scene, View};
 use beam::{Rays, cubature};
 use camera::{Camera, Tile, tiles};
@@ -52,8 +51,6 @@ pub struct OrdinatesModel {
     views: Vec<View>,
     tiles: Vec<Tile>,
     settings: OrdinatesSettings,
-    /// What the cells are made for (1/km).
-    largest_extinction: f64,
     lattice: Lattice,
     optics: Optics,
     surroundings: Surroundings,
@@ -74,8 +71,8 @@ struct State {
     whole: Vec<[f32; 4]>,
     kept: Vec<[f32; 4]>,
     sun_depths: Vec<[f32; 8]>,
-    /// Depths towards the Sun from the surface.
-    shadow_depths: Vec<f32>,
+    /// The share of the sunlight that the cloud takes from the surface.
+    shade: Vec<f32>,
     /// What comes in through the faces, by octant.
     outside: Vec<Faces>,
     /// Light scattered for the first time, without the peak: `[slot][4][harmonic]`.
@@ -85,7 +82,7 @@ struct State {
 
 impl State {
     fn on_surface(&self) -> OnSurface<'_> {
-        OnSurface { shadow_depths: &self.shadow_depths, irradiance: &self.field.irradiance }
+        OnSurface { shade: &self.shade, irradiance: &self.field.irradiance }
     }
 }
 
@@ -117,15 +114,21 @@ impl OrdinatesModel {
             None => None,
         };
         let mask = mask.as_ref().and_then(|mask| mask.as_slice());
-        let active = |voxel: usize| extinction[voxel] > 0.0 || mask.is_some_and(|mask| mask[voxel]);
+        let prepared = |voxel: usize| {
+            let own = extinction[voxel];
+            let active = own > 0.0 || mask.is_some_and(|mask| mask[voxel]);
+            active.then(|| settings.largest_extinction.map_or(own, |most| own.max(most as f32)))
+        };
         let quadrature = Quadrature::new(settings.zenith_angles);
-        let scene_most = extinction.iter().fold(0.0, |most: f32, value| most.max(*value));
-        let largest_extinction = settings.largest_extinction.unwrap_or(f64::from(scene_most));
-        let split = split(scene, largest_extinction, settings);
-        let lattice = Lattice::new(grid, medium.interpolation, scene.boundary, split, active);
-        let rise = lattice.grid.spacing.z / scene.sun.towards().z;
         let kept = optics::kept(&medium.scattering, settings.zenith_angles);
-        let cubature = cubature(kept * largest_extinction * rise);
+        let parts = |extinction: f32| parts(kept * f64::from(extinction), scene, settings);
+        let lattice = Lattice::new(grid, medium.interpolation, scene.boundary, prepared, parts);
+        let rise = lattice.grid.spacing.z / scene.sun.towards().z;
+        let thickest = lattice.active().iter().map(|active| {
+            let [.., parts] = lattice.parts_along(active.parts);
+            kept * f64::from(active.prepared) * rise / parts as f64
+        });
+        let cubature = cubature(thickest.fold(0.0, f64::max));
         let optics = Optics::new(&medium.scattering, grid, &lattice, &quadrature);
         let surroundings = Surroundings::new(scene, &lattice, &quadrature);
         let middle = |slot| lattice.point(slot, DVec3::splat(0.5)).z;
@@ -136,7 +139,6 @@ impl OrdinatesModel {
             views: views.to_vec(),
             tiles: all_tiles(views),
             settings: *settings,
-            largest_extinction,
             surroundings,
             air_depths,
             lattice,
@@ -241,7 +243,6 @@ impl OrdinatesModel {
             moments: &state.field.moments,
             count: self.quadrature.harmonics,
             rays_per_pixel: self.settings.rays_per_pixel,
-            largest_extinction: self.largest_extinction,
         }
     }
 
@@ -259,7 +260,7 @@ impl OrdinatesModel {
     fn turned_sunlight(&self) -> impl Fn(usize) -> Vec<f32> + Sync {
         let sun = first_harmonics(-self.scene.sun.towards(), self.quadrature.harmonics);
         move |slot| {
-            let by = self.optics.scattered(slot).iter();
+            let by = self.optics.scattered(self.lattice.owner(slot)).iter();
             by.zip(&sun).map(|(scattered, harmonic)| scattered * harmonic).collect()
         }
     }
@@ -283,14 +284,18 @@ impl OrdinatesModel {
             slots.clone().map(|slot| self.lattice.coefficients(&extinction, slot)).collect();
         let kept: Vec<_> = slots
             .zip(&whole)
-            .map(|(slot, whole)| whole.map(|value| self.optics.kept(slot) * value))
+            .map(|(slot, whole)| {
+                let kept = self.optics.kept(self.lattice.owner(slot));
+                whole.map(|value| kept * value)
+            })
             .collect();
         let surroundings = &self.surroundings;
         let air = |altitude| surroundings.sun_depth(altitude);
         let sun_depths = rays.sun_depths(self.scene.sun.towards(), air);
-        let shadow_depths = surroundings.shadow_depths(&rays);
-        let incoming =
-            |octant: &Octant| surroundings.incoming(&self.lattice, octant, &shadow_depths);
+        let shade = surroundings.shade(&rays);
+        let blurred: Vec<f32> =
+            surroundings.blurred(&shade).into_iter().map(|shade| shade as f32).collect();
+        let incoming = |octant: &Octant| surroundings.incoming(&self.lattice, octant, &blurred);
         let outside = match surroundings.is_dark() {
             true => Vec::new(),
             false => self.quadrature.octants.par_iter().map(incoming).collect(),
@@ -305,16 +310,8 @@ impl OrdinatesModel {
         let origin = Origin { own: &first, outside: &outside, irradiance };
         let (field, sweeps) = transport.solve(origin, start, tolerance, most_sweeps);
         self.sweeps = sweeps;
-        self.state = Some(State {
-            extinction,
-            whole,
-            kept,
-            sun_depths,
-            shadow_depths,
-            outside,
-            first,
-            field,
-        });
+        self.state =
+            Some(State { extinction, whole, kept, sun_depths, shade, outside, first, field });
     }
 }
 
@@ -322,20 +319,18 @@ fn all_tiles(views: &[View]) -> Vec<Tile> {
     views.iter().enumerate().flat_map(|(number, view)| tiles(number, view)).collect()
 }
 
-/// How many cells a voxel is split into along x, y, z. Nothing changes along an axis with a
-/// single voxel between periodic sides.
-fn split(scene: &Scene, largest: f64, settings: &OrdinatesSettings) -> [usize; 3] {
-    let Medium { extinction: Volume { grid, .. }, scattering, .. } = &scene.medium;
-    let kept = optics::kept(scattering, settings.zenith_angles);
-    let parts = kept * largest * grid.spacing / settings.cell_depth;
-    let most = DVec3::splat(settings.most_parts as f64);
-    let mut parts = parts.ceil().clamp(DVec3::ONE, most).to_array().map(|n| n as usize);
-    for (axis, index) in [(0, 2), (1, 1)] {
-        if scene.boundary == Boundary::Periodic && grid.shape[index] == 1 {
-            parts[axis] = 1;
-        }
-    }
-    parts
+/// How many cells a voxel of an extinction without the peak (1/km) is split into along an axis.
+/// Nothing changes along an axis with a single voxel between periodic sides.
+fn parts(extinction: f64, scene: &Scene, settings: &OrdinatesSettings) -> usize {
+    let grid = &scene.medium.extinction.grid;
+    let alone = |index: usize| scene.boundary == Boundary::Periodic && grid.shape[index] == 1;
+    let longest = [(0, alone(2)), (1, alone(1)), (2, false)]
+        .into_iter()
+        .filter(|(_, alone)| !alone)
+        .map(|(axis, _)| grid.spacing[axis])
+        .fold(0.0, f64::max);
+    let parts = (extinction * longest / settings.cell_depth).ceil();
+    parts.clamp(1.0, settings.most_parts as f64) as usize
 }
 
 fn standard(values: &Array3<f32>) -> Vec<f32> {

@@ -35,7 +35,7 @@ impl Changes {
     }
 }
 
-/// Optics by slot; a single row of a uniform medium serves all.
+/// Optics by active voxel; a single row of a uniform medium serves all.
 #[derive(Debug)]
 pub(super) struct Optics {
     harmonics: usize,
@@ -60,8 +60,8 @@ impl Optics {
         quadrature: &Quadrature,
     ) -> Self {
         let rows = match scattering {
-            Scattering::Uniform { .. } => lattice.len().min(1),
-            Scattering::Droplets { .. } => lattice.len(),
+            Scattering::Uniform { .. } => lattice.active().len().min(1),
+            Scattering::Droplets { .. } => lattice.active().len(),
         };
         let of_voxels = |row: usize| {
             let corners = lattice.voxels_of(row);
@@ -102,14 +102,14 @@ impl Optics {
 
     /// Scattered light over extinction, by harmonic.
     #[inline]
-    pub(super) fn scattered(&self, slot: usize) -> &[f32] {
-        &self.scattered[self.row(slot) * self.harmonics..][..self.harmonics]
+    pub(super) fn scattered(&self, number: usize) -> &[f32] {
+        &self.scattered[self.row(number) * self.harmonics..][..self.harmonics]
     }
 
     /// Extinction without the peak over extinction.
     #[inline]
-    pub(super) fn kept(&self, slot: usize) -> f32 {
-        self.kept[self.row(slot)]
+    pub(super) fn kept(&self, number: usize) -> f32 {
+        self.kept[self.row(number)]
     }
 
     /// What the forward peak does to single scattering between two angles from exact
@@ -145,11 +145,11 @@ impl Optics {
     #[inline]
     pub(super) fn density(
         &self,
-        slot: usize,
+        number: usize,
         densities: &[[f64; LEVELS]],
         depth: f64,
     ) -> (f64, f64) {
-        let row = self.row(slot);
+        let row = self.row(number);
         let by_peak = self.by_peak[row];
         let (level, part, slope) = place(by_peak * depth);
         let (mut value, mut change) = (0.0, 0.0);
@@ -161,8 +161,8 @@ impl Optics {
         (value, change * slope * by_peak)
     }
 
-    fn row(&self, slot: usize) -> usize {
-        if self.kept.len() == 1 { 0 } else { slot }
+    fn row(&self, number: usize) -> usize {
+        if self.kept.len() == 1 { 0 } else { number }
     }
 }
 

@@ -1,5 +1,6 @@
 //! The settings of the deterministic solver.
 
+use super::lattice::MOST_PARTS;
 use crate::error::{Error, Result};
 
 /// Settings of the deterministic solver.
@@ -14,12 +15,13 @@ pub struct OrdinatesSettings {
     pub most_sweeps: usize,
     /// The least number of rays of a pixel as wide as a voxel; there are more in wider ones.
     pub rays_per_pixel: usize,
-    /// Voxels are split until no cell is thicker than this along an axis (optical depth
-    /// without the forward peak).
+    /// Each voxel is split until none of its cells is thicker than this along an axis (optical
+    /// depth without the forward peak).
     pub cell_depth: f64,
-    /// The most cells that a voxel is split into along an axis.
+    /// The most cells that a voxel is split into along an axis, at most 8.
     pub most_parts: usize,
-    /// The largest extinction to be prepared for (1/km); `None` is that of the scene.
+    /// The least extinction (1/km) that each voxel is prepared for; without one, that which the
+    /// voxel has in the scene.
     pub largest_extinction: Option<f64>,
 }
 
@@ -58,6 +60,13 @@ impl OrdinatesSettings {
         }
         if !(self.tolerance > 0.0 && self.tolerance < 1.0) {
             return Err(Error::out_of_range("tolerance", self.tolerance, "between 0 and 1"));
+        }
+        if self.most_parts > MOST_PARTS {
+            return Err(Error::out_of_range(
+                "most parts of a voxel",
+                self.most_parts,
+                format!("at most {MOST_PARTS}"),
+            ));
         }
         for (what, value) in [
             ("most sweeps", self.most_sweeps),

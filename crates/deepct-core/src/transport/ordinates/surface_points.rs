@@ -66,6 +66,27 @@ impl SurfacePoints {
         self.around(place).map(|(point, weight)| weight * f64::from(values[point])).iter().sum()
     }
 
+    /// A quarter of the values of both neighbours and half of the own one, along both axes: nothing
+    /// comes from beyond the lattice.
+    pub(super) fn blurred<T: Copy + Into<f64>>(&self, values: &[T]) -> Vec<f64> {
+        let mut blurred: Vec<f64> = values.iter().map(|value| (*value).into()).collect();
+        for (count, stride) in [(self.cols, 1), (self.rows, self.cols)] {
+            let before = blurred.clone();
+            for (point, value) in blurred.iter_mut().enumerate() {
+                let place = (point / stride % count) as i64;
+                let neighbour = |step: i64| {
+                    let next = place + step;
+                    let wrapped = next.rem_euclid(count as i64);
+                    let inside = self.periodic || next == wrapped;
+                    let other = point as i64 + (wrapped - place) * stride as i64;
+                    if inside { before[other as usize] } else { 0.0 }
+                };
+                *value = 0.5 * before[point] + 0.25 * (neighbour(-1) + neighbour(1));
+            }
+        }
+        blurred
+    }
+
     /// The transpose of [`SurfacePoints::interpolate`].
     #[inline]
     pub(super) fn spread(&self, into: &mut [f64], place: DVec3, value: f64) {

@@ -25,6 +25,8 @@ const BLUR: f64 = 0.25;
 /// As far beside the cloud as this many times its altitude, its light is looked at.
 const REACH: f64 = 2.0;
 
+/// Distance of the points where the shadow is looked at, over that of the voxels.
+const SHADOW_STEP: f64 = 0.25;
 /// Vertical components at which the light of the air is looked at for an ordinate.
 const BIN_NODES: usize = 6;
 
@@ -49,8 +51,8 @@ pub(super) struct Surroundings {
 /// What a cloud does to the surface.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct OnSurface<'a> {
-    /// Optical depths of the cloud towards the Sun.
-    pub(super) shadow_depths: &'a [f32],
+    /// Share of the sunlight that it takes away.
+    pub(super) shade: &'a [f32],
     /// Irradiance that it adds.
     pub(super) irradiance: &'a [f32],
 }
@@ -58,7 +60,7 @@ pub(super) struct OnSurface<'a> {
 /// Derivatives by what a cloud does to the surface.
 #[derive(Debug, Clone)]
 pub(super) struct BySurface {
-    pub(super) shadow_depths: Vec<f64>,
+    pub(super) shade: Vec<f64>,
     pub(super) irradiance: Vec<f64>,
 }
 
@@ -67,8 +69,9 @@ pub(super) struct BySurface {
 pub(super) struct Outside {
     /// From the air, and of the air from the surface.
     air: f64,
-    /// Sunlight from the surface, through the air.
+    /// Sunlight from the surface, through the air: in the cloud's shadow, and without a cloud.
     sunlight: f64,
+    unshaded: f64,
     /// Light of the cloud from the surface, and the share of its irradiance that is seen.
     cloud: f64,
     share: f64,
@@ -132,24 +135,32 @@ impl Surroundings {
         self.sky.transmittance(ray, from, to)
     }
 
-    /// Optical depths of the cloud towards the Sun from the surface.
-    pub(super) fn shadow_depths(&self, rays: &Rays) -> Vec<f32> {
+    /// The share of the sunlight that the cloud takes from each point of the surface.
+    pub(super) fn shade(&self, rays: &Rays) -> Vec<f32> {
         if self.surface.is_black() {
             return Vec::new();
         }
         let depth =
             |point| rays.depth(Ray { origin: self.shadow.point(point), direction: self.sun });
-        (0..self.shadow.len()).into_par_iter().map(|point| depth(point) as f32).collect()
+        let shade = |point| -(-depth(point)).exp_m1() as f32;
+        (0..self.shadow.len()).into_par_iter().map(shade).collect()
     }
 
-    /// The transpose of the derivative of [`Surroundings::shadow_depths`].
-    pub(super) fn spread_shadow_depths(&self, rays: &Rays, values: &[f64], into: &mut [f64]) {
+    /// The transpose of the derivative of [`Surroundings::shade`], where that is `shade`.
+    pub(super) fn spread_shade(
+        &self,
+        rays: &Rays,
+        shade: &[f32],
+        values: &[f64],
+        into: &mut [f64],
+    ) {
         let size = values.len().div_ceil(PARTS).max(1);
         let part = |(part, values): (usize, &[f64])| {
             let mut sums = vec![0.0; into.len()];
             for (number, value) in values.iter().enumerate().filter(|(_, value)| **value != 0.0) {
-                let origin = self.shadow.point(part * size + number);
-                rays.spread_depth(Ray { origin, direction: self.sun }, *value, &mut sums);
+                let point = part * size + number;
+                let ray = Ray { origin: self.shadow.point(point), direction: self.sun };
+                rays.spread_depth(ray, value * (1.0 - f64::from(shade[point])), &mut sums);
             }
             sums
         };
@@ -157,12 +168,17 @@ impl Surroundings {
         add_all(into, &parts);
     }
 
+    /// The shade as the faces of voxels see it, which are wider than the points are apart: the mean
+    /// around each point. It is its own transpose.
+    pub(super) fn blurred<T: Copy + Into<f64>>(&self, shade: &[T]) -> Vec<f64> {
+        self.shadow.blurred(shade)
+    }
+
     /// What a ray sees that meets no more cloud.
     pub(super) fn outside(&self, ray: &Ray, on_surface: OnSurface) -> Outside {
         let mut outside = self.unclouded_outside(ray);
-        if outside.sunlight != 0.0 {
-            let depth = self.shadow.interpolate(on_surface.shadow_depths, outside.foot);
-            outside.sunlight *= (-depth).exp();
+        if outside.unshaded != 0.0 {
+            outside.sunlight *= 1.0 - self.shadow.interpolate(on_surface.shade, outside.foot);
         }
         if outside.share != 0.0 && !on_surface.irradiance.is_empty() {
             let irradiance = self.lit.interpolate(on_surface.irradiance, outside.foot);
@@ -188,9 +204,11 @@ impl Surroundings {
         let passed = ((depth - above) / rise).exp();
         let reflectance = self.surface.reflectance(-ray.direction, self.sun) * self.sun.z;
         let share = self.surface.albedo / PI * passed;
+        let sunlight = passed * reflectance * (-depth / self.sun.z).exp();
         Outside {
             air: air + share * self.sky.irradiance,
-            sunlight: passed * reflectance * (-depth / self.sun.z).exp(),
+            sunlight,
+            unshaded: sunlight,
             cloud: 0.0,
             share,
             foot: ray.at((ground - ray.origin.z) / rise),
@@ -199,9 +217,8 @@ impl Surroundings {
 
     /// Add what follows from the derivative by what comes from outside.
     pub(super) fn spread(&self, outside: &Outside, value: f64, into: &mut BySurface) {
-        if outside.sunlight != 0.0 {
-            let by_depth = -value * outside.sunlight;
-            self.shadow.spread(&mut into.shadow_depths, outside.foot, by_depth);
+        if outside.unshaded != 0.0 {
+            self.shadow.spread(&mut into.shade, outside.foot, -value * outside.unshaded);
         }
         if outside.share != 0.0 {
             self.lit.spread(&mut into.irradiance, outside.foot, value * outside.share);
@@ -220,26 +237,25 @@ impl Surroundings {
         &self,
         lattice: &Lattice,
         octant: &Octant,
-        shadow_depths: &[f32],
+        blurred_shade: &[f32],
     ) -> Faces {
         let mut faces = Faces::dark(lattice, octant);
         let mut air = self.air[number(octant)].iter();
         let mut feet = self.feet[number(octant)].iter();
         each_face(lattice, octant, |place, _| {
             let air = air.next().expect("light of the air for each face and ordinate");
-            let sunlight = feet.next().map_or(0.0, |foot| foot.sunlight(shadow_depths));
+            let sunlight = feet.next().map_or(0.0, |foot| foot.sunlight(blurred_shade));
             *place.mean(&mut faces, octant) = air + sunlight;
         });
         faces
     }
 
-    /// The transpose of the derivative of [`Surroundings::incoming`] by the shadow's depths,
-    /// from the adjoint radiance that leaves through the same faces.
+    /// The transpose of the derivative of [`Surroundings::incoming`] by the blurred shade, from the
+    /// adjoint radiance that leaves through the same faces.
     pub(super) fn spread_incoming(
         &self,
         lattice: &Lattice,
         octant: &Octant,
-        shadow_depths: &[f32],
         leaving: &mut Faces,
         into: &mut [f64],
     ) {
@@ -250,8 +266,7 @@ impl Surroundings {
             let FacePlace { axis, ordinate, .. } = place;
             let adjoint = f64::from(*place.mean(leaving, octant) * octant.weights[ordinate]);
             let streaming = f64::from(octant.cosines[axis][ordinate]) / spacing[axis];
-            let sunlight = f64::from(foot.sunlight(shadow_depths));
-            foot.shadow.spread(into, -adjoint * streaming * sunlight);
+            foot.shadow.spread(into, -adjoint * streaming * f64::from(foot.unshaded));
         });
     }
 
@@ -400,11 +415,11 @@ struct Foot {
 impl Foot {
     /// Sunlight in the shadow of a cloud.
     #[inline]
-    fn sunlight(&self, shadow_depths: &[f32]) -> f32 {
+    fn sunlight(&self, blurred_shade: &[f32]) -> f32 {
         if self.unshaded == 0.0 {
             return 0.0;
         }
-        self.unshaded * (-self.shadow.interpolate(shadow_depths)).exp()
+        self.unshaded * (1.0 - self.shadow.interpolate(blurred_shade))
     }
 }
 
@@ -462,7 +477,7 @@ fn each_face(lattice: &Lattice, octant: &Octant, mut call: impl FnMut(FacePlace,
     }
 }
 
-/// Points as dense as the cells, wherever the grid throws a shadow.
+/// Points denser than the voxels, wherever the grid throws a shadow.
 fn shadow_points(lattice: &Lattice, sun: DVec3, altitude: f64) -> SurfacePoints {
     let grid = &lattice.grid;
     let periodic = lattice.boundary == Boundary::Periodic;
@@ -474,7 +489,7 @@ fn shadow_points(lattice: &Lattice, sun: DVec3, altitude: f64) -> SurfacePoints 
         upper += falls[0].max(falls[1]);
     }
     lower.z = altitude;
-    SurfacePoints::new(lower, upper, grid.spacing, periodic)
+    SurfacePoints::new(lower, upper, SHADOW_STEP * grid.spacing, periodic)
 }
 
 /// Points below and around the grid, as dense as what falls there can be told apart.

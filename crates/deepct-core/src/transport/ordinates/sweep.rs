@@ -7,14 +7,18 @@
 //! "Discontinuous finite element transport solutions in thick diffusive problems"). The
 //! mean makes it conserve energy whatever the optical depth of a cell. The equations of
 //! direction `-n` are the transpose of those of `n`, which the gradient lives on.
+//!
+//! Thick voxels are split into cells, each as many as it needs; empty ones are not. Between voxels
+//! of other parts radiance is projected from the cells of one on those of the other.
 
-use super::lattice::Lattice;
+use super::lattice::{Active, Lattice, MOST_PARTS};
 use super::quadrature::Octant;
 use pulp::{Arch, Simd, WithSimd};
+use std::sync::LazyLock;
 
 /// Radiance that enters or leaves through faces of the grid in the ordinates of an octant:
 /// mean and the slopes along the two axes of the face, `[3][ordinate]` for each face of a
-/// cell.
+/// voxel.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(super) struct Faces {
     /// Through the sides across x, `[z][y]`.
@@ -79,26 +83,207 @@ impl<V: Visit> WithSimd for Sweep<'_, '_, V> {
     fn with_simd<S: Simd>(self, simd: S) {
         let Self { medium, octants, source, visit } = self;
         let lattice = medium.lattice;
-        let [nz, ny, _] = lattice.grid.shape;
+        let [nz, ny, nx] = lattice.grid.shape;
         let Some((first, _)) = octants.first() else { return };
         let [_, forward_y, forward_z] = first.signs.map(|sign| sign > 0.0);
-        let constants: Vec<_> =
-            octants.iter().map(|(octant, _)| Constants::new(simd, octant, lattice)).collect();
-        let mut room = vec![0.0; 8 * first.ordinates];
+        let mut waves: Vec<_> =
+            octants.iter().map(|(octant, faces)| Wave::new(simd, octant, lattice, faces)).collect();
         for step_z in 0..nz {
             let k = if forward_z { step_z } else { nz - 1 - step_z };
+            for ((octant, faces), wave) in octants.iter().zip(&mut waves) {
+                let face = 3 * octant.ordinates;
+                for (i, patch) in wave.y.iter_mut().enumerate() {
+                    patch.set(&faces.y[(k * nx + i) * face..][..face]);
+                }
+            }
             for step_y in 0..ny {
                 let j = if forward_y { step_y } else { ny - 1 - step_y };
-                for ((octant, faces), constants) in octants.iter_mut().zip(&constants) {
+                for ((octant, faces), wave) in octants.iter_mut().zip(&mut waves) {
+                    let face = 3 * octant.ordinates;
+                    wave.x.set(&faces.x[(k * ny + j) * face..][..face]);
                     let row = Row { medium, octant, source, k, j };
-                    row.sweep(simd, constants, faces, &mut room, visit);
+                    row.sweep(simd, wave, visit);
+                    let Wave { x, scratch, .. } = wave;
+                    let whole = x.of_parts(1, lattice, 0, octant.ordinates, scratch);
+                    faces.x[(k * ny + j) * face..][..face].copy_from_slice(whole);
                 }
+            }
+            for ((octant, faces), wave) in octants.iter_mut().zip(&mut waves) {
+                let face = 3 * octant.ordinates;
+                let Wave { y, scratch, .. } = wave;
+                for (i, patch) in y.iter_mut().enumerate() {
+                    let whole = patch.of_parts(1, lattice, 1, octant.ordinates, scratch);
+                    faces.y[(k * nx + i) * face..][..face].copy_from_slice(whole);
+                }
+            }
+        }
+        for ((octant, faces), wave) in octants.iter_mut().zip(&mut waves) {
+            let face = 3 * octant.ordinates;
+            let Wave { z, scratch, .. } = wave;
+            for (column, patch) in z.iter_mut().enumerate() {
+                let whole = patch.of_parts(1, lattice, 2, octant.ordinates, scratch);
+                faces.z[column * face..][..face].copy_from_slice(whole);
             }
         }
     }
 }
 
-/// A row of cells in an octant.
+/// The light of an octant between voxels, as far as the sweep has come.
+struct Wave<S: Simd> {
+    /// Of the next voxel in the row.
+    x: Patch,
+    /// Of the next row in the level, by column.
+    y: Vec<Patch>,
+    /// Of the next level, by row and column.
+    z: Vec<Patch>,
+    /// By number of parts of a voxel; that of whole ones serves empty voxels.
+    constants: Vec<Option<Constants<S>>>,
+    scratch: Vec<f32>,
+    /// Source and radiance of a cell.
+    room: Vec<f32>,
+}
+
+impl<S: Simd> Wave<S> {
+    #[inline(always)]
+    fn new(simd: S, octant: &Octant, lattice: &Lattice, faces: &Faces) -> Self {
+        let [_, ny, nx] = lattice.grid.shape;
+        let face = 3 * octant.ordinates;
+        let z = (0..ny * nx).map(|column| {
+            let mut patch = Patch::default();
+            patch.set(&faces.z[column * face..][..face]);
+            patch
+        });
+        let mut constants: Vec<_> = (0..=MOST_PARTS).map(|_| None).collect();
+        let used = lattice.active().iter().map(|active| active.parts);
+        for parts in used.chain([1]) {
+            constants[parts as usize]
+                .get_or_insert_with(|| Constants::new(simd, octant, lattice, parts));
+        }
+        Self {
+            x: Patch::default(),
+            y: (0..nx).map(|_| Patch::default()).collect(),
+            z: z.collect(),
+            constants,
+            scratch: Vec::new(),
+            room: vec![0.0; 8 * octant.ordinates],
+        }
+    }
+}
+
+/// Radiance through a face of a voxel, cell by cell: mean and the slopes along columns and rows,
+/// `[row][col][3][ordinate]`.
+#[derive(Debug, Default)]
+struct Patch {
+    parts: u32,
+    values: Vec<f32>,
+}
+
+impl Patch {
+    /// Become a face of one cell.
+    #[inline(always)]
+    fn set(&mut self, values: &[f32]) {
+        self.parts = 1;
+        self.values.clear();
+        self.values.extend_from_slice(values);
+    }
+
+    /// The values by the cells of a voxel of so many parts, behind the face across `axis`: the
+    /// projection, which keeps the flux, and whose transpose is that of the way back.
+    #[inline(always)]
+    fn of_parts(
+        &mut self,
+        parts: u32,
+        lattice: &Lattice,
+        axis: usize,
+        ordinates: usize,
+        scratch: &mut Vec<f32>,
+    ) -> &mut [f32] {
+        if self.parts != parts {
+            let (row_axis, col_axis) = [(2, 1), (2, 0), (1, 0)][axis];
+            let [from, to] = [self.parts, parts].map(|parts| lattice.parts_along(parts));
+            let rows = projection(from[row_axis], to[row_axis]);
+            let cols = projection(from[col_axis], to[col_axis]);
+            let face = 3 * ordinates;
+            scratch.clear();
+            scratch.resize(to[row_axis] * to[col_axis] * face, 0.0);
+            for Overlap { into: row, of: of_row, weights: r } in rows {
+                for Overlap { into: col, of: of_col, weights: c } in cols {
+                    let of = &self.values[(of_row * from[col_axis] + of_col) * face..][..face];
+                    let into = &mut scratch[(row * to[col_axis] + col) * face..][..face];
+                    let (m, slopes) = of.split_at(ordinates);
+                    let (u, v) = slopes.split_at(ordinates);
+                    // By moment of the target and of the source: mean, along columns, along rows.
+                    let table = [
+                        [r[0][0] * c[0][0], r[0][0] * c[0][1], r[0][1] * c[0][0]],
+                        [r[0][0] * c[1][0], r[0][0] * c[1][1], r[0][1] * c[1][0]],
+                        [r[1][0] * c[0][0], r[1][0] * c[0][1], r[1][1] * c[0][0]],
+                    ];
+                    for (into, [a, b, d]) in into.chunks_exact_mut(ordinates).zip(table) {
+                        for (n, value) in into.iter_mut().enumerate() {
+                            *value += a * m[n] + b * u[n] + d * v[n];
+                        }
+                    }
+                }
+            }
+            std::mem::swap(&mut self.values, scratch);
+            self.parts = parts;
+        }
+        &mut self.values
+    }
+}
+
+/// What a cell of one partition of an edge takes from a cell of another one: by moment of the
+/// former, mean and slope, and of the latter.
+#[derive(Debug, Clone, Copy)]
+struct Overlap {
+    into: usize,
+    of: usize,
+    weights: [[f32; 2]; 2],
+}
+
+/// The projection of functions that are linear in each of `from` equal parts of an edge on those
+/// linear in each of `to` parts.
+fn projection(from: usize, to: usize) -> &'static [Overlap] {
+    static TABLES: LazyLock<Vec<Vec<Overlap>>> = LazyLock::new(|| {
+        let pairs = (0..MOST_PARTS).flat_map(|a| (0..MOST_PARTS).map(move |b| (a + 1, b + 1)));
+        pairs.map(|(from, to)| overlaps(from, to)).collect()
+    });
+    &TABLES[(from - 1) * MOST_PARTS + to - 1]
+}
+
+fn overlaps(from: usize, to: usize) -> Vec<Overlap> {
+    let mut overlaps = Vec::new();
+    for into in 0..to {
+        for of in 0..from {
+            let edge = |index: usize, count: usize| index as f64 / count as f64;
+            let low = edge(into, to).max(edge(of, from));
+            let high = edge(into + 1, to).min(edge(of + 1, from));
+            if high - low < 1e-9 {
+                continue;
+            }
+            // Products of linear functions by two Gauss points.
+            let mut weights = [[0.0; 2]; 2];
+            for side in [-1.0, 1.0] {
+                let x = 0.5 * (low + high) + side * 0.5 * (high - low) / 3.0_f64.sqrt();
+                let functions = |index: usize, count: usize| {
+                    [1.0, 3.0_f64.sqrt() * (2.0 * (x * count as f64 - index as f64) - 1.0)]
+                };
+                let (target, source) = (functions(into, to), functions(of, from));
+                let weight = 0.5 * (high - low) * to as f64;
+                for (row, target) in weights.iter_mut().zip(target) {
+                    for (sum, source) in row.iter_mut().zip(source) {
+                        *sum += weight * target * source;
+                    }
+                }
+            }
+            let weights = weights.map(|row| row.map(|weight: f64| weight as f32));
+            overlaps.push(Overlap { into, of, weights });
+        }
+    }
+    overlaps
+}
+
+/// A row of voxels in an octant.
 struct Row<'a> {
     medium: Medium<'a>,
     octant: &'a Octant,
@@ -109,43 +294,70 @@ struct Row<'a> {
 
 impl Row<'_> {
     #[inline(always)]
-    fn sweep<S: Simd, V: Visit>(
+    fn sweep<S: Simd, V: Visit>(&self, simd: S, wave: &mut Wave<S>, visit: &mut V) {
+        let Self { medium, octant, k, j, .. } = *self;
+        let lattice = medium.lattice;
+        let [_, ny, nx] = lattice.grid.shape;
+        let n = octant.ordinates;
+        let Wave { x, y, z, constants, scratch, room } = wave;
+        for step_x in 0..nx {
+            let i = if octant.signs[0] > 0.0 { step_x } else { nx - 1 - step_x };
+            let active = lattice.at((k * ny + j) * nx + i);
+            let parts = active.map_or(1, |active| active.parts);
+            let constants = constants[parts as usize].as_ref().expect("made for all that are used");
+            let x = x.of_parts(parts, lattice, 0, n, scratch);
+            let y = y[i].of_parts(parts, lattice, 1, n, scratch);
+            let z = z[j * nx + i].of_parts(parts, lattice, 2, n, scratch);
+            match active {
+                None => constants.empty(simd, [x, y, z]),
+                Some(active) => self.voxel(simd, active, constants, [x, y, z], room, visit),
+            }
+        }
+    }
+
+    /// The cells of an active voxel.
+    #[inline(always)]
+    fn voxel<S: Simd, V: Visit>(
         &self,
         simd: S,
+        active: &Active,
         constants: &Constants<S>,
-        faces: &mut Faces,
+        [x, y, z]: [&mut [f32]; 3],
         room: &mut [f32],
         visit: &mut V,
     ) {
-        let Self { medium, octant, source, k, j } = *self;
-        let [_, ny, nx] = medium.lattice.grid.shape;
+        let Self { medium, octant, source, .. } = *self;
+        let [px, py, pz] = medium.lattice.parts_along(active.parts);
         let face = 3 * octant.ordinates;
         let harmonics = octant.to_moments.len() / octant.ordinates;
         let (cell_source, radiance) = room.split_at_mut(4 * octant.ordinates);
-        let x_face = &mut faces.x[(k * ny + j) * face..][..face];
-        for step_x in 0..nx {
-            let i = if octant.signs[0] > 0.0 { step_x } else { nx - 1 - step_x };
-            let y_face = &mut faces.y[(k * nx + i) * face..][..face];
-            let z_face = &mut faces.z[(j * nx + i) * face..][..face];
-            let Some(slot) = medium.lattice.slot((k * ny + j) * nx + i) else {
-                constants.empty(simd, [&mut *x_face, y_face, z_face]);
-                continue;
-            };
-            let moments = &source[slot * 4 * harmonics..][..4 * harmonics];
-            to_ordinates(simd, octant, moments, cell_source);
-            constants.solve(
-                simd,
-                medium.extinction[slot],
-                cell_source,
-                [&mut *x_face, y_face, z_face],
-                radiance,
-            );
-            visit.cell(simd, octant, slot, radiance);
+        let along = |axis: usize, step: usize, count: usize| {
+            if octant.signs[axis] > 0.0 { step } else { count - 1 - step }
+        };
+        for step_z in 0..pz {
+            let k = along(2, step_z, pz);
+            for step_y in 0..py {
+                let j = along(1, step_y, py);
+                for step_x in 0..px {
+                    let i = along(0, step_x, px);
+                    let slot = active.first as usize + (k * py + j) * px + i;
+                    let moments = &source[slot * 4 * harmonics..][..4 * harmonics];
+                    to_ordinates(simd, octant, moments, cell_source);
+                    let faces = [
+                        &mut x[(k * py + j) * face..][..face],
+                        &mut y[(k * px + i) * face..][..face],
+                        &mut z[(j * px + i) * face..][..face],
+                    ];
+                    let extinction = medium.extinction[slot];
+                    constants.solve(simd, extinction, cell_source, faces, radiance);
+                    visit.cell(simd, octant, slot, radiance);
+                }
+            }
         }
     }
 }
 
-/// What all cells have in common, a vector of ordinates after the other.
+/// What all cells of a size have in common, a vector of ordinates after the other.
 struct Constants<S: Simd> {
     vectors: usize,
     /// Cosine over cell size along each axis (1/km).
@@ -159,9 +371,11 @@ struct Constants<S: Simd> {
 
 impl<S: Simd> Constants<S> {
     #[inline(always)]
-    fn new(simd: S, octant: &Octant, lattice: &Lattice) -> Self {
+    fn new(simd: S, octant: &Octant, lattice: &Lattice, parts: u32) -> Self {
         let root = 3.0_f32.sqrt();
-        let spacing = lattice.grid.spacing.as_vec3().to_array();
+        let whole = lattice.grid.spacing.as_vec3().to_array();
+        let along = lattice.parts_along(parts);
+        let spacing: [f32; 3] = std::array::from_fn(|axis| whole[axis] / along[axis] as f32);
         let scaled = |axis: usize, factor: f32| {
             let values: Vec<f32> =
                 octant.cosines[axis].iter().map(|cosine| cosine * factor / spacing[axis]).collect();
