@@ -5,6 +5,8 @@ use std::f64::consts::PI;
 
 /// Pieces of the range of cosines for functions without a closed form.
 const PIECES: usize = 4000;
+/// Cosines that are worked on side by side.
+const TOGETHER: usize = 16;
 
 impl PhaseFunction {
     /// The first `count` Legendre moments: the mean of `P_l(cos)` for `l = 0, 1, ...`, so
@@ -24,14 +26,28 @@ impl PhaseFunction {
     fn integrated_moments(&self, count: usize) -> Vec<f64> {
         let mut moments = vec![0.0; count];
         let edge = |piece: usize| (PI * (piece as f64 / PIECES as f64).powi(2)).cos();
-        for piece in 0..PIECES {
-            let (middle, half) =
-                (0.5 * (edge(piece) + edge(piece + 1)), 0.5 * (edge(piece) - edge(piece + 1)));
-            for cosine in [middle - half / 3.0_f64.sqrt(), middle + half / 3.0_f64.sqrt()] {
-                let weight = 2.0 * PI * half * self.density(cosine);
-                for (moment, polynomial) in moments.iter_mut().zip(legendre(cosine)) {
-                    *moment += weight * polynomial;
+        // So many cosines at a time: one recurrence alone waits for its own last step.
+        for first in (0..PIECES).step_by(TOGETHER / 2) {
+            let (mut cosines, mut weights) = ([0.0; TOGETHER], [0.0; TOGETHER]);
+            for n in 0..TOGETHER {
+                let piece = first + n / 2;
+                let (above, below) = (edge(piece), edge(piece + 1));
+                let (middle, half) = (0.5 * (above + below), 0.5 * (above - below));
+                let side = if n % 2 == 0 { -half } else { half };
+                cosines[n] = middle + side / 3.0_f64.sqrt();
+                weights[n] = 2.0 * PI * half * self.density(cosines[n]);
+            }
+            let (mut before, mut now) = ([0.0; TOGETHER], [1.0; TOGETHER]);
+            for (degree, moment) in moments.iter_mut().enumerate() {
+                let degree = degree as f64;
+                let (a, b) = ((2.0 * degree + 1.0) / (degree + 1.0), degree / (degree + 1.0));
+                let mut sum = 0.0;
+                for n in 0..TOGETHER {
+                    sum += weights[n] * now[n];
+                    let next = a * cosines[n] * now[n] - b * before[n];
+                    (before[n], now[n]) = (now[n], next);
                 }
+                *moment += sum;
             }
         }
         // The rounding of the quadrature must not make or lose light.
@@ -39,17 +55,6 @@ impl PhaseFunction {
         moments.iter_mut().for_each(|moment| *moment /= all);
         moments
     }
-}
-
-/// The Legendre polynomials of all degrees at one place.
-fn legendre(x: f64) -> impl Iterator<Item = f64> {
-    let (mut before, mut now, mut degree) = (0.0, 1.0, 0.0);
-    std::iter::from_fn(move || {
-        let value = now;
-        let next = ((2.0 * degree + 1.0) * x * now - degree * before) / (degree + 1.0);
-        (before, now, degree) = (now, next, degree + 1.0);
-        Some(value)
-    })
 }
 
 #[cfg(test)]

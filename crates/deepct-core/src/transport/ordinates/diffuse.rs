@@ -12,6 +12,8 @@ use rayon::prelude::*;
 /// Octants whose moments are added in one array, those that differ in x alone; the others have
 /// arrays of their own, on other threads.
 const TOGETHER: usize = 2;
+/// Arrays of moments that a sweep adds up.
+const ARRAYS: usize = 8 / TOGETHER;
 /// Directions kept by the iteration before it starts anew.
 const RESTART: usize = 8;
 /// Numbers of long arrays that are worked on at a time.
@@ -62,7 +64,7 @@ struct Room {
 
 impl Room {
     fn new(length: usize) -> Self {
-        let parts = (0..8 / TOGETHER).map(|_| Moments { values: vec![0.0; length] }).collect();
+        let parts = (0..ARRAYS).map(|_| Moments { values: vec![0.0; length] }).collect();
         Self { source: vec![0.0; length], parts }
     }
 }
@@ -163,9 +165,11 @@ impl Transport<'_> {
         }
         let pieces = whole.moments.par_chunks_mut(PIECE).enumerate();
         pieces.for_each(|(number, sums)| {
-            for part in parts.iter() {
-                let values = &part.values[number * PIECE..][..sums.len()];
-                sums.iter_mut().zip(values).for_each(|(sum, value)| *sum += value);
+            let [a, b, c, d]: [&[f32]; ARRAYS] =
+                std::array::from_fn(|part| &parts[part].values[number * PIECE..][..sums.len()]);
+            // Written before it is read: reading a page that the kernel has just given costs more.
+            for (n, sum) in sums.iter_mut().enumerate() {
+                *sum = (a[n] + b[n]) + (c[n] + d[n]);
             }
         });
         whole

@@ -163,6 +163,11 @@ impl OrdinatesModel {
         Ok(())
     }
 
+    /// Number of cells.
+    pub fn cells(&self) -> usize {
+        self.lattice.len()
+    }
+
     /// Number of sweeps of the last solution.
     pub fn sweeps(&self) -> usize {
         self.sweeps

@@ -32,7 +32,7 @@ impl Default for OrdinatesSettings {
             tolerance: 1e-4,
             most_sweeps: 200,
             rays_per_pixel: 13,
-            cell_depth: 2.5,
+            cell_depth: 0.7,
             most_parts: 4,
             largest_extinction: None,
         }
