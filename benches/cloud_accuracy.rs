@@ -57,7 +57,12 @@ fn main() -> Result<(), AnyError> {
         let images = model.images(&case.scene.medium.extinction)?;
         let seconds = began.elapsed().as_secs_f64();
         let errors = case.errors(&images, &reference)?;
-        println!(", {} cells, {} sweeps, {prepared:.2} + {:.2} s", model.cells(), model.sweeps(), seconds - prepared);
+        println!(
+            ", {} cells, {} sweeps, {prepared:.2} + {:.2} s",
+            model.cells(),
+            model.sweeps(),
+            seconds - prepared
+        );
         for (what, values) in [
             ("signal", errors.iter().map(|e| 100.0 * e.signal).collect::<Vec<_>>()),
             ("  noise", errors.iter().map(|e| 100.0 * e.signal_noise).collect()),

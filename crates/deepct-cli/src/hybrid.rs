@@ -33,12 +33,12 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
     settings.inversion.check()?;
     if args.quick {
         settings.inversion.iterations = QUICK_ITERATIONS;
-        settings.solver.hurry();
     }
     let network = Network::new(&load_weights(&args.weights)?)?;
     let observation = read_observation(&args.images)?;
     let start = network_start(&network, &observation).map_err(Error::in_file(&args.images))?;
     let job = Job {
+        quick: args.quick,
         what: "hybrid",
         images: &args.images,
         flags: &args.flags,

@@ -7,8 +7,7 @@ use deepct_core::carve::{CarveSettings, carve};
 use deepct_core::cloud::Cloud;
 use deepct_core::grid::{Grid, Mask, Volume};
 use deepct_core::inversion::{
-    Ending, InversionSettings, OrdinatesModels, Problem, QUICK_TOLERANCE, Reconstruction, Start,
-    invert, resume,
+    Ending, InversionSettings, OrdinatesModels, Problem, Reconstruction, Start, invert, resume,
 };
 use deepct_core::io::{Provenance, read_checkpoint, read_cloud, read_mask, write_reconstruction};
 use deepct_core::optics::air::Air;
@@ -70,20 +69,16 @@ pub(crate) struct SolverSettings {
     coarse_zenith_angles: usize,
     tolerance: f64,
     rays_per_pixel: usize,
+    cell_depth: f64,
 }
 
 impl SolverSettings {
-    /// Take the ordinates of the coarse grids for all, and end early.
-    pub(crate) fn hurry(&mut self) {
-        self.zenith_angles = self.coarse_zenith_angles;
-        self.tolerance = QUICK_TOLERANCE;
-    }
-
-    fn ordinates(&self, zenith_angles: usize) -> OrdinatesSettings {
+    fn ordinates(&self) -> OrdinatesSettings {
         OrdinatesSettings {
-            zenith_angles,
+            zenith_angles: self.zenith_angles,
             tolerance: self.tolerance,
             rays_per_pixel: self.rays_per_pixel,
+            cell_depth: self.cell_depth,
             ..Default::default()
         }
     }
@@ -96,6 +91,8 @@ pub(crate) struct Job<'a> {
     /// File of the images.
     pub(crate) images: &'a Path,
     pub(crate) flags: &'a Flags,
+    /// Whether the steps are those of the quick hybrid.
+    pub(crate) quick: bool,
     pub(crate) settings: InvertSettings,
     pub(crate) observation: Observation,
     /// Where the cloud is sought.
@@ -193,12 +190,10 @@ impl Job<'_> {
             scene = scene.with_air(Air::new(self.observation.wavelength)?);
         }
         let solver = &self.settings.solver;
-        Ok(OrdinatesModels {
-            scene,
-            views: self.observation.views.clone(),
-            settings: solver.ordinates(solver.zenith_angles),
-            coarse_settings: solver.ordinates(solver.coarse_zenith_angles),
-        })
+        let views = self.observation.views.clone();
+        let mut models = OrdinatesModels::new(scene, views, solver.ordinates());
+        models.coarse_settings.zenith_angles = solver.coarse_zenith_angles;
+        Ok(if self.quick { models.quick() } else { models })
     }
 
     /// The mask that was given, or else is carved, on the grid of the answer.

@@ -39,6 +39,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
     settings.inversion.check()?;
     let start = start(&args.init)?;
     let job = Job {
+        quick: false,
         what: "invert",
         images: &args.images,
         flags: &args.flags,

@@ -62,11 +62,12 @@ pub trait ForwardModel {
 /// Models of the same images on any grid.
 pub trait Models {
     /// The model on the grid of a mask, that of the problem or one of blocks of its
-    /// voxels; the extinction is 0 outside the mask.
+    /// voxels; the extinction is 0 outside the mask. Steps begin at about the `expected` extinction
+    /// (1/km), on the same grid.
     ///
     /// # Errors
     /// Those of the model.
-    fn model(&mut self, mask: &Mask) -> Result<Box<dyn ForwardModel + '_>>;
+    fn model(&mut self, mask: &Mask, expected: &Volume) -> Result<Box<dyn ForwardModel + '_>>;
 }
 
 /// What is asked: the cloud of an observation, inside a mask.

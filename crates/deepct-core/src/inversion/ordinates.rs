@@ -7,10 +7,13 @@ use crate::image::ViewStack;
 use crate::optics::Scattering;
 use crate::scene::{Scene, View};
 use crate::transport::{OrdinatesModel, OrdinatesSettings};
-use ndarray::Array3;
+use ndarray::{Array3, Zip};
 
 /// The tolerance of the solver in a few quick steps, which do not end where a finer one shows.
 pub const QUICK_TOLERANCE: f64 = 1e-2;
+
+/// The least extinction that voxels of a mask are prepared for (1/km): steps may fill empty ones.
+const LEAST_PREPARED: f32 = 20.0;
 
 /// The deterministic solver on any grid.
 #[derive(Debug, Clone)]
@@ -21,8 +24,13 @@ pub struct OrdinatesModels {
     pub views: Vec<View>,
     /// Settings on the grid of the answer.
     pub settings: OrdinatesSettings,
-    /// Settings on coarser grids.
+    /// Settings on coarser grids, where voxels are not split.
     pub coarse_settings: OrdinatesSettings,
+    /// Settings of a more accurate solver, if any. Its images of the start, minus those by
+    /// `settings`, are added to all later ones on the grid of the answer: a step then costs what the
+    /// cheap solver does, and near the start its error is that of the accurate one (defect
+    /// correction: Stetter 1978).
+    pub accurate_settings: Option<OrdinatesSettings>,
 }
 
 impl OrdinatesModels {
@@ -30,15 +38,17 @@ impl OrdinatesModels {
     pub fn new(scene: Scene, views: Vec<View>, settings: OrdinatesSettings) -> Self {
         let coarse_settings = OrdinatesSettings {
             zenith_angles: (settings.zenith_angles / 8 * 4).max(4),
+            most_parts: 1,
             ..settings
         };
-        Self { scene, views, settings, coarse_settings }
+        Self { scene, views, settings, coarse_settings, accurate_settings: None }
     }
 
-    /// The same with the ordinates of the coarser grids on all and [`QUICK_TOLERANCE`].
+    /// Steps by the ordinates of the coarser grids with [`QUICK_TOLERANCE`], corrected at the start by
+    /// the solver of the present settings.
     pub fn quick(self) -> Self {
         let settings = OrdinatesSettings { tolerance: QUICK_TOLERANCE, ..self.coarse_settings };
-        Self { settings, ..self }
+        Self { settings, accurate_settings: Some(self.settings), ..self }
     }
 
     /// What collisions do on a grid of blocks of voxels.
@@ -62,14 +72,49 @@ impl OrdinatesModels {
 }
 
 impl Models for OrdinatesModels {
-    fn model(&mut self, mask: &Mask) -> Result<Box<dyn ForwardModel + '_>> {
+    fn model(&mut self, mask: &Mask, expected: &Volume) -> Result<Box<dyn ForwardModel + '_>> {
         let fine = mask.grid.shape == self.scene.medium.extinction.grid.shape;
         let mut scene = self.scene.clone();
         scene.medium.scattering = self.scattering(&mask.grid);
-        scene.medium.extinction = Volume::constant(mask.grid, 0.0);
-        let settings = if fine { &self.settings } else { &self.coarse_settings };
-        let solver = OrdinatesModel::new(&scene, &self.views, Some(mask), settings)?;
-        Ok(Box::new(solver))
+        scene.medium.extinction = Volume {
+            grid: mask.grid,
+            values: Zip::from(&mask.values)
+                .and(&expected.values)
+                .map_collect(|inside, value| if *inside { value.max(LEAST_PREPARED) } else { 0.0 }),
+        };
+        let make = |settings| OrdinatesModel::new(&scene, &self.views, Some(mask), settings);
+        if !fine {
+            return Ok(Box::new(make(&self.coarse_settings)?));
+        }
+        let cheap = make(&self.settings)?;
+        let Some(accurate) = &self.accurate_settings else { return Ok(Box::new(cheap)) };
+        Ok(Box::new(Corrected { cheap, accurate: Some(make(accurate)?), defect: None }))
+    }
+}
+
+/// A cheap model with the defect that it had at the first extinction.
+struct Corrected {
+    cheap: OrdinatesModel,
+    /// Until it has been used.
+    accurate: Option<OrdinatesModel>,
+    defect: Option<ViewStack>,
+}
+
+impl ForwardModel for Corrected {
+    fn images(&mut self, extinction: &Volume) -> Result<ViewStack> {
+        let mut images = self.cheap.images(extinction)?;
+        if let Some(mut accurate) = self.accurate.take() {
+            let right = accurate.images(extinction)?;
+            self.defect = Some(ViewStack::new(right.values - &images.values)?);
+        }
+        if let Some(defect) = &self.defect {
+            images.values += &defect.values;
+        }
+        Ok(images)
+    }
+
+    fn gradient(&mut self, weights: &ViewStack) -> Result<Volume> {
+        self.cheap.gradient(weights)
     }
 }
 

@@ -220,8 +220,15 @@ impl<'a> Run<'a> {
         let coarse_error =
             if *block > 1 { *block as f64 * self.settings.coarse_error } else { 0.0 };
         let measurement = self.measurement.with_model_error(coarse_error);
-        let mut objective =
-            Objective::new(models.model(&level.mask()?)?, &measurement, variables, prior);
+        let from = match &beginning {
+            Beginning::Volume(extinction, _) => {
+                variables.of(&means(extinction, self.mask, *block)?)
+            }
+            Beginning::Checkpoint(checkpoint) => checkpoint.probed_at.clone(),
+        };
+        let expected = variables.extinction(&from)?;
+        let model = models.model(&level.mask()?, &expected)?;
+        let mut objective = Objective::new(model, &measurement, variables, prior);
         if let Some(expected) = self.expected {
             objective.expect(&means(&expected.extinction, self.mask, *block)?);
         }
