@@ -76,6 +76,11 @@ impl Measurement {
         Self { images: self.images.clone(), standard_error }
     }
 
+    /// Which pixels count.
+    pub(super) fn counted(&self) -> Array3<bool> {
+        self.standard_error.mapv(f32::is_finite)
+    }
+
     /// Number of pixels that count.
     pub fn pixels(&self) -> usize {
         self.standard_error.iter().filter(|error| error.is_finite()).count().max(1)

@@ -41,6 +41,7 @@ use crate::grid::{Mask, Volume};
 use crate::image::ViewStack;
 use crate::network::Estimate;
 use crate::scene::Observation;
+use ndarray::Array3;
 use serde::{Deserialize, Serialize};
 
 /// The images of an extinction, and how they depend on it.
@@ -59,15 +60,25 @@ pub trait ForwardModel {
     fn gradient(&mut self, weights: &ViewStack) -> Result<Volume>;
 }
 
+/// What a model is made for.
+#[derive(Debug, Clone, Copy)]
+pub struct Domain<'a> {
+    /// The grid, that of the problem or one of blocks of its voxels, and where on it extinction is
+    /// not 0.
+    pub mask: &'a Mask,
+    /// The extinction (1/km) that steps begin at, about, on the same grid.
+    pub expected: &'a Volume,
+    /// The pixels `[view, row, col]` that count; others may be left at 0.
+    pub pixels: &'a Array3<bool>,
+}
+
 /// Models of the same images on any grid.
 pub trait Models {
-    /// The model on the grid of a mask, that of the problem or one of blocks of its
-    /// voxels; the extinction is 0 outside the mask. Steps begin at about the `expected` extinction
-    /// (1/km), on the same grid.
+    /// The model for a domain.
     ///
     /// # Errors
     /// Those of the model.
-    fn model(&mut self, mask: &Mask, expected: &Volume) -> Result<Box<dyn ForwardModel + '_>>;
+    fn model(&mut self, domain: &Domain) -> Result<Box<dyn ForwardModel + '_>>;
 }
 
 /// What is asked: the cloud of an observation, inside a mask.

@@ -1,8 +1,8 @@
 //! The deterministic solver as the model of an inversion.
 
-use super::{ForwardModel, Models};
-use crate::error::Result;
-use crate::grid::{Grid, Mask, Volume};
+use super::{Domain, ForwardModel, Models};
+use crate::error::{Error, Result};
+use crate::grid::{Grid, Volume};
 use crate::image::ViewStack;
 use crate::optics::Scattering;
 use crate::scene::{Scene, View};
@@ -11,6 +11,9 @@ use ndarray::{Array3, Zip};
 
 /// The tolerance of the solver in a few quick steps, which do not end where a finer one shows.
 pub const QUICK_TOLERANCE: f64 = 1e-2;
+
+/// Rays of a pixel in those steps.
+const QUICK_RAYS: usize = 3;
 
 /// The least extinction that voxels of a mask are prepared for (1/km): steps may fill empty ones.
 const LEAST_PREPARED: f32 = 20.0;
@@ -47,7 +50,11 @@ impl OrdinatesModels {
     /// Steps by the ordinates of the coarser grids with [`QUICK_TOLERANCE`], corrected at the start by
     /// the solver of the present settings.
     pub fn quick(self) -> Self {
-        let settings = OrdinatesSettings { tolerance: QUICK_TOLERANCE, ..self.coarse_settings };
+        let settings = OrdinatesSettings {
+            tolerance: QUICK_TOLERANCE,
+            rays_per_pixel: QUICK_RAYS,
+            ..self.coarse_settings
+        };
         Self { settings, accurate_settings: Some(self.settings), ..self }
     }
 
@@ -72,7 +79,8 @@ impl OrdinatesModels {
 }
 
 impl Models for OrdinatesModels {
-    fn model(&mut self, mask: &Mask, expected: &Volume) -> Result<Box<dyn ForwardModel + '_>> {
+    fn model(&mut self, domain: &Domain) -> Result<Box<dyn ForwardModel + '_>> {
+        let Domain { mask, expected, pixels } = *domain;
         let fine = mask.grid.shape == self.scene.medium.extinction.grid.shape;
         let mut scene = self.scene.clone();
         scene.medium.scattering = self.scattering(&mask.grid);
@@ -82,7 +90,11 @@ impl Models for OrdinatesModels {
                 .and(&expected.values)
                 .map_collect(|inside, value| if *inside { value.max(LEAST_PREPARED) } else { 0.0 }),
         };
-        let make = |settings| OrdinatesModel::new(&scene, &self.views, Some(mask), settings);
+        let make = |settings| {
+            let mut model = OrdinatesModel::new(&scene, &self.views, Some(mask), settings)?;
+            model.look_at(pixels)?;
+            Ok::<_, Error>(model)
+        };
         if !fine {
             return Ok(Box::new(make(&self.coarse_settings)?));
         }

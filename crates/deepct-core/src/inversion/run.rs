@@ -7,8 +7,8 @@ use super::prior::Prior;
 use super::scale::scale;
 use super::variables::Variables;
 use super::{
-    Checkpoint, Ending, InversionSettings, Measurement, Models, Problem, Reconstruction, Record,
-    Start, Watch,
+    Checkpoint, Domain, Ending, InversionSettings, Measurement, Models, Problem, Reconstruction,
+    Record, Start, Watch,
 };
 use crate::error::{Error, Result};
 use crate::grid::{Grid, Mask, Volume};
@@ -227,7 +227,9 @@ impl<'a> Run<'a> {
             Beginning::Checkpoint(checkpoint) => checkpoint.probed_at.clone(),
         };
         let expected = variables.extinction(&from)?;
-        let model = models.model(&level.mask()?, &expected)?;
+        let (mask, pixels) = (level.mask()?, measurement.counted());
+        let domain = Domain { mask: &mask, expected: &expected, pixels: &pixels };
+        let model = models.model(&domain)?;
         let mut objective = Objective::new(model, &measurement, variables, prior);
         if let Some(expected) = self.expected {
             objective.expect(&means(&expected.extinction, self.mask, *block)?);

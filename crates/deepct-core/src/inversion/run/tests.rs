@@ -18,9 +18,14 @@ struct Absorption {
 }
 
 impl Models for Absorption {
-    fn model(&mut self, mask: &Mask, _: &Volume) -> Result<Box<dyn ForwardModel + '_>> {
-        let nothing = Volume::constant(mask.grid, 0.0);
-        Ok(Box::new(OnGrid { views: &self.views, extinction: nothing }))
+    fn model(&mut self, domain: &Domain) -> Result<Box<dyn ForwardModel + '_>> {
+        Ok(Box::new(self.on(domain.mask.grid)))
+    }
+}
+
+impl Absorption {
+    fn on(&self, grid: Grid) -> OnGrid<'_> {
+        OnGrid { views: &self.views, extinction: Volume::constant(grid, 0.0) }
     }
 }
 
@@ -77,8 +82,8 @@ fn observe() -> (Volume, Observation, Absorption) {
             View::orthographic(towards, grid.center(), 0.025, [40, 40]).unwrap()
         })
         .collect();
-    let mut models = Absorption { views: views.clone() };
-    let images = models.model(&mask(&truth), &truth).unwrap().images(&truth).unwrap();
+    let models = Absorption { views: views.clone() };
+    let images = models.on(truth.grid).images(&truth).unwrap();
     (truth, Observation::new(Sun::default(), views, images).unwrap(), models)
 }
 
@@ -145,7 +150,7 @@ fn the_search_finds_the_constant_that_fits_best() {
     let mask = mask(&truth);
     let inside = mask.values.mapv(|inside| if inside { 3.7 } else { 0.0 });
     let constant = Volume::new(truth.grid, inside).unwrap();
-    observation.images = models.model(&mask, &constant).unwrap().images(&constant).unwrap();
+    observation.images = models.on(truth.grid).images(&constant).unwrap();
     let problem = Problem { observation: &observation, mask: &mask, truth: None };
     let settings = InversionSettings { iterations: 0, coarse: vec![], ..settings() };
     for start in [Start::Search, Start::Constant(0.01), Start::Constant(90.0)] {

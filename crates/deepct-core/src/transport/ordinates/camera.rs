@@ -255,7 +255,7 @@ impl Camera<'_> {
         let mut path = Path::default();
         let mut radiance = 0.0;
         for ray in pixel_rays(view, pixel, prepared.rays) {
-            let beyond = self.walk(ray, prepared, &mut path);
+            let beyond = self.walk(ray, prepared, false, &mut path);
             radiance += beyond.before + beyond.transmittance * beyond.outside.radiance();
             for step in &path.steps {
                 let [first, second] = step.radiances();
@@ -279,7 +279,7 @@ impl Camera<'_> {
         let before = POINTS.map(before);
         let before_middle = self::before(0.5);
         for ray in pixel_rays(view, pixel, prepared.rays) {
-            let beyond = self.walk(ray, prepared, &mut path);
+            let beyond = self.walk(ray, prepared, true, &mut path);
             let value = weight * beyond.transmittance;
             self.surroundings.spread(&beyond.outside, value, &mut into.on_surface);
             // Backwards: what is behind a point is weakened by it.
@@ -312,8 +312,9 @@ impl Camera<'_> {
         }
     }
 
-    /// Go along a ray; gives what is before and behind its steps.
-    fn walk(&self, ray: Ray, prepared: &Prepared, path: &mut Path) -> Beyond {
+    /// Go along a ray; gives what is before and behind its steps. Those through voxels without
+    /// extinction matter to the derivative alone, where `empty` ones are asked for.
+    fn walk(&self, ray: Ray, prepared: &Prepared, empty: bool, path: &mut Path) -> Beyond {
         let Path { steps, densities } = path;
         steps.clear();
         let Rays { lattice, optics, extinction, .. } = self.rays;
@@ -336,6 +337,10 @@ impl Camera<'_> {
                 optics.densities(ray.direction.dot(self.sun), changes, densities);
             }
             inside = Some([inside.map_or(segment.enter, |ends| ends[0]), leave]);
+            let holds = |voxel: &u32| extinction[*voxel as usize] > 0.0;
+            if !empty && !lattice.voxels_of(number).iter().any(holds) {
+                continue;
+            }
             let kept = f64::from(optics.kept(number));
             // Not by the extinction that there is: the radiance would jump where it changes.
             let thickness = kept * f64::from(lattice.active()[number].prepared) / STEP;
@@ -396,8 +401,10 @@ impl Camera<'_> {
             return Beyond { before: 0.0, transmittance: 1.0, outside };
         };
         let behind = Ray { origin: ray.at(leave), ..ray };
+        let [last, _] = air.at(altitude(leave));
         Beyond {
-            before: self.surroundings.before(&ray, enter),
+            before: self.surroundings.before(&ray, enter)
+                + to_top * (last - light) * f64::exp(-depth),
             transmittance: self.surroundings.transmittance(&ray, 0.0, leave) * (-depth).exp(),
             outside: self.surroundings.outside(&behind, self.on_surface),
         }

@@ -50,6 +50,8 @@ pub struct OrdinatesModel {
     scene: Scene,
     views: Vec<View>,
     tiles: Vec<Tile>,
+    /// The pixels that are computed; all without it.
+    pixels: Option<Array3<bool>>,
     settings: OrdinatesSettings,
     lattice: Lattice,
     optics: Optics,
@@ -138,6 +140,7 @@ impl OrdinatesModel {
             scene: scene.clone(),
             views: views.to_vec(),
             tiles: all_tiles(views),
+            pixels: None,
             settings: *settings,
             surroundings,
             air_depths,
@@ -159,7 +162,27 @@ impl OrdinatesModel {
         check_sizes(views)?;
         self.views = views.to_vec();
         self.tiles = all_tiles(views);
+        self.pixels = None;
         self.adjoint = None;
+        Ok(())
+    }
+
+    /// Compute these pixels `[view, row, col]` only from now on, and leave all others at 0.
+    ///
+    /// # Errors
+    /// Pixels of another shape than the images.
+    pub fn look_at(&mut self, pixels: &Array3<bool>) -> Result<()> {
+        let [rows, cols] = [self.views[0].rows, self.views[0].cols];
+        let expected = [self.views.len(), rows, cols];
+        if pixels.shape() != expected {
+            return Err(Error::mismatch(
+                "shape [view, row, col] of the pixels",
+                format!("{expected:?}"),
+                format!("{:?}", pixels.shape()),
+                "give one for each pixel of the images",
+            ));
+        }
+        self.pixels = Some(pixels.clone());
         Ok(())
     }
 
@@ -188,17 +211,22 @@ impl OrdinatesModel {
         let [rows, cols] = [self.views[0].rows, self.views[0].cols];
         let mut images = Array3::zeros((self.views.len(), rows, cols));
         let irradiance = self.scene.sun.irradiance;
-        let seen = |tile: &Tile| -> Vec<f64> {
+        let looked_at = |tile: &Tile| -> Vec<[usize; 2]> {
+            let counts = |[row, col]: &[usize; 2]| {
+                self.pixels.as_ref().is_none_or(|pixels| pixels[[tile.view, *row, *col]])
+            };
+            tile.pixels().filter(counts).collect()
+        };
+        let seen = |tile: &Tile| -> Vec<([usize; 2], f64)> {
             let view = &self.views[tile.view];
             let prepared = camera.prepare(tile, view);
-            let pixels: Vec<_> = tile.pixels().collect();
             let radiance =
-                |pixel: &[usize; 2]| irradiance * camera.radiance(view, *pixel, &prepared);
-            pixels.par_iter().map(radiance).collect()
+                |pixel: [usize; 2]| (pixel, irradiance * camera.radiance(view, pixel, &prepared));
+            looked_at(tile).into_par_iter().map(radiance).collect()
         };
         let values: Vec<_> = self.tiles.par_iter().map(seen).collect();
         for (tile, values) in self.tiles.iter().zip(values) {
-            for ([row, col], value) in tile.pixels().zip(values) {
+            for ([row, col], value) in values {
                 images[[tile.view, row, col]] = value as f32;
             }
         }
