@@ -48,6 +48,8 @@ enum Choice {
     Mie,
     /// A simulated cumulus; needs --reference
     Rico,
+    /// A cube cloud of the project IPRT
+    Iprt,
     /// The deterministic solver on whole clouds, against the Monte Carlo solver; more clouds with
     /// --reference
     Clouds,
@@ -65,6 +67,7 @@ impl Choice {
             Self::Step => vec![Suite::Step],
             Self::Mie => vec![Suite::Mie],
             Self::Rico => vec![Suite::Rico],
+            Self::Iprt => vec![Suite::Iprt],
             Self::Clouds => vec![Suite::Clouds],
             Self::All => {
                 Suite::ALL.into_iter().filter(|suite| reference || *suite != Suite::Rico).collect()

@@ -12,9 +12,9 @@ pub use threshold::cloud_threshold;
 
 use crate::error::{Error, Result};
 use crate::grid::{Grid, Mask};
-use crate::scene::{Observation, View};
-use footprint::{CloudyPixels, Footprint, corner_pixels};
-use ndarray::{Array2, Array3, ArrayViewMut2, Axis};
+use crate::scene::{Observation, Projector, View};
+use footprint::{CloudyPixels, CornerPixels, Footprint};
+use ndarray::{Array3, ArrayViewMut3, Axis, s};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -79,44 +79,78 @@ pub fn carve(observation: &Observation, grid: &Grid, settings: &CarveSettings) -
         .map(|view| observation.images.image(view).mapv(|radiance| radiance > threshold))
         .map(CloudyPixels::new)
         .collect();
+    let looks: Vec<_> = observation.views.iter().map(View::projector).zip(cloudy).collect();
     let mut values = Array3::from_elem(grid.shape, false);
-    values.axis_iter_mut(Axis(0)).into_par_iter().enumerate().for_each(|(k, level)| {
-        carve_level(grid, k, &observation.views, &cloudy, settings.agreement, level);
-    });
+    values.axis_chunks_iter_mut(Axis(0), BLOCK).into_par_iter().enumerate().for_each(
+        |(number, mut levels)| {
+            let [_, rows, cols] = grid.shape;
+            let mut room = Vec::new();
+            for (j, i) in
+                (0..rows).step_by(BLOCK).flat_map(|j| (0..cols).step_by(BLOCK).map(move |i| (j, i)))
+            {
+                let ends = s![.., j..(j + BLOCK).min(rows), i..(i + BLOCK).min(cols)];
+                let block = levels.slice_mut(ends);
+                let first = [number * BLOCK, j, i];
+                carve_block(grid, first, &looks, settings.agreement, block, &mut room);
+            }
+        },
+    );
     Ok(Carved { mask: Mask::new(*grid, values)?, threshold })
 }
 
-/// Votes of the views on one voxel.
-#[derive(Debug, Clone, Copy, Default)]
-struct Votes {
-    yes: u32,
-    no: u32,
+/// Voxels along each side of a block that is looked at as a whole first.
+const BLOCK: usize = 4;
+
+/// Whether so many votes keep a voxel. A share of votes that equals the agreement but for
+/// rounding is enough.
+fn enough(yes: usize, no: usize, agreement: f64) -> bool {
+    yes as f64 >= agreement * (yes + no) as f64 - 1e-9
 }
 
-fn carve_level(
+/// Carve a block of voxels, of which `first` is the lowest. A view that sees all of the block and no
+/// cloud there votes against each of its voxels; only what the other views can save is looked at voxel
+/// by voxel.
+fn carve_block(
     grid: &Grid,
-    k: usize,
-    views: &[View],
-    cloudy: &[CloudyPixels],
+    first: [usize; 3],
+    looks: &[(Projector, CloudyPixels)],
     agreement: f64,
-    mut level: ArrayViewMut2<'_, bool>,
+    mut kept: ArrayViewMut3<'_, bool>,
+    room: &mut Vec<CornerPixels>,
 ) {
-    let mut votes = Array2::from_elem(level.dim(), Votes::default());
-    for (view, cloudy) in views.iter().zip(cloudy) {
-        let corners = [corner_pixels(grid, k, view), corner_pixels(grid, k + 1, view)];
-        for ((j, i), votes) in votes.indexed_iter_mut() {
-            match Footprint::of_voxel(&corners, j, i).and_then(|seen| seen.vote(cloudy)) {
-                Some(true) => votes.yes += 1,
-                Some(false) => votes.no += 1,
-                None => {}
-            }
+    let (nz, ny, nx) = kept.dim();
+    let mut open = Vec::with_capacity(looks.len());
+    let mut against = 0;
+    for (projector, cloudy) in looks {
+        let whole = Footprint::of_block(grid, first, [nz, ny, nx], projector);
+        if whole.is_some_and(|whole| whole.is_clear(cloudy)) {
+            against += 1;
+        } else {
+            open.push((projector, cloudy));
         }
     }
-    ndarray::Zip::from(&mut level).and(&votes).for_each(|kept, votes| {
-        // A share of votes that equals the agreement but for rounding is enough.
-        let needed = agreement * f64::from(votes.yes + votes.no) - 1e-9;
-        *kept = f64::from(votes.yes) >= needed;
-    });
+    if !enough(open.len(), against, agreement) {
+        return;
+    }
+    room.clear();
+    let corners = |(projector, _): &(&Projector, _)| {
+        CornerPixels::new(grid, first, [nz + 1, ny + 1, nx + 1], projector)
+    };
+    room.extend(open.iter().map(corners));
+    for ((k, j, i), kept) in kept.indexed_iter_mut() {
+        let (mut yes, mut no) = (0, against);
+        for (number, ((_, cloudy), corners)) in open.iter().zip(room.iter()).enumerate() {
+            match corners.footprint([k, j, i]).and_then(|seen| seen.vote(cloudy)) {
+                Some(true) => yes += 1,
+                Some(false) => no += 1,
+                None => {}
+            }
+            if !enough(yes + open.len() - 1 - number, no, agreement) {
+                break;
+            }
+        }
+        *kept = enough(yes, no, agreement);
+    }
 }
 
 #[cfg(test)]

@@ -40,7 +40,10 @@ const TABLE: [(&str, &[&str]); 21] = [
     ("io", &["cloud", "grid", "image", "inversion", "network", "scene"]),
     ("plot", &["grid", "image", "metrics"]),
     // The cases with known answers: each is a scene and what transport makes of it.
-    ("validation", &["cloud", "grid", "image", "io", "optics", "rng", "scene", "transport"]),
+    (
+        "validation",
+        &["cloud", "grid", "image", "io", "optics", "rng", "scene", "transport", "traverse"],
+    ),
     (
         "dataset",
         &[

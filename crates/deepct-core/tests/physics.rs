@@ -21,7 +21,7 @@ use std::sync::Arc;
 fn suite_holds(suite: Suite, samples: u32) {
     let mut rows = Vec::new();
     let effort = Effort { samples, ..Effort::QUICK };
-    validate(suite, effort, None, &mut |row| rows.push(row)).unwrap();
+    validate(suite, effort, None, None, &mut |row| rows.push(row)).unwrap();
     assert!(rows.len() >= 10);
     for row in rows {
         assert!(row.passed, "{row:?}");

@@ -2,9 +2,9 @@
 
 use crate::grid::Grid;
 use crate::math::DVec3;
-use crate::scene::View;
+use crate::scene::Projector;
 use glam::DVec2;
-use ndarray::Array2;
+use ndarray::{Array2, Array3};
 use std::ops::Range;
 
 /// Overlaps thinner than this (pixels) are rounding errors.
@@ -27,17 +27,36 @@ const EDGES: [(usize, usize); 12] = [
     (3, 7),
 ];
 
-/// Where the corners of a layer of voxels fall in an image: `(row, col)`, `None`
-/// behind the camera.
-pub(super) type CornerPixels = Array2<Option<DVec2>>;
+/// Where the corners of a block of voxels fall in an image: `(row, col)`, `None` behind the camera.
+pub(super) struct CornerPixels(Array3<Option<DVec2>>);
 
-/// The pixels of the corners at the bottom of level `k` of a grid (the top of the
-/// grid for `k = nz`); array `[y, x]`, one longer than the grid along each axis.
-pub(super) fn corner_pixels(grid: &Grid, k: usize, view: &View) -> CornerPixels {
-    Array2::from_shape_fn((grid.shape[1] + 1, grid.shape[2] + 1), |(j, i)| {
-        let corner = grid.origin + grid.spacing * DVec3::new(i as f64, j as f64, k as f64);
-        view.project(corner).map(DVec2::from)
-    })
+impl CornerPixels {
+    /// As many corners along z, y, x, from the lower one of voxel `first` on.
+    pub(super) fn new(
+        grid: &Grid,
+        first: [usize; 3],
+        count: [usize; 3],
+        projector: &Projector,
+    ) -> Self {
+        Self(Array3::from_shape_fn(count, |(k, j, i)| {
+            corner_pixel(grid, [first[0] + k, first[1] + j, first[2] + i], projector)
+        }))
+    }
+
+    /// The footprint of voxel `[k, j, i]` of the block; `None` when a part is behind the camera.
+    pub(super) fn footprint(&self, [k, j, i]: [usize; 3]) -> Option<Footprint> {
+        let mut footprint = [DVec2::ZERO; 8];
+        for (number, corner) in footprint.iter_mut().enumerate() {
+            *corner = self.0[[k + (number >> 2), j + (number >> 1 & 1), i + (number & 1)]]?;
+        }
+        Some(Footprint(footprint))
+    }
+}
+
+/// The pixel of the lower corner of a voxel.
+fn corner_pixel(grid: &Grid, [k, j, i]: [usize; 3], projector: &Projector) -> Option<DVec2> {
+    let corner = grid.origin + grid.spacing * DVec3::new(i as f64, j as f64, k as f64);
+    projector.project(corner).map(DVec2::from)
 }
 
 /// The cloudy pixels of an image.
@@ -81,25 +100,42 @@ struct Side {
 }
 
 impl Footprint {
-    /// The footprint of voxel `[j, i]` of a level from the corners below and above
-    /// it; `None` when a part is behind the camera.
-    pub(super) fn of_voxel(corners: &[CornerPixels; 2], j: usize, i: usize) -> Option<Self> {
+    /// The footprint of a block of voxels, of which `first` is the lowest; `None` when a part is
+    /// behind the camera.
+    pub(super) fn of_block(
+        grid: &Grid,
+        first: [usize; 3],
+        shape: [usize; 3],
+        projector: &Projector,
+    ) -> Option<Self> {
         let mut footprint = [DVec2::ZERO; 8];
         for (number, corner) in footprint.iter_mut().enumerate() {
-            *corner = corners[number >> 2][[j + (number >> 1 & 1), i + (number & 1)]]?;
+            let at = |axis: usize| first[axis] + (number >> (2 - axis) & 1) * shape[axis];
+            *corner = corner_pixel(grid, [at(0), at(1), at(2)], projector)?;
         }
         Some(Self(footprint))
     }
 
-    /// Whether a cloudy pixel overlaps the footprint; `None` when none does, but the
-    /// footprint is not all inside the frame.
-    pub(super) fn vote(&self, image: &CloudyPixels) -> Option<bool> {
+    /// Whether the footprint is all inside the frame, and no pixel in its rows and columns cloudy.
+    pub(super) fn is_clear(&self, image: &CloudyPixels) -> bool {
+        let (inside, [rows, cols]) = self.frame(image);
+        inside && image.count(&rows, &cols) == 0
+    }
+
+    /// Whether the footprint is all inside the frame, and its rows and columns.
+    fn frame(&self, image: &CloudyPixels) -> (bool, [Range<usize>; 2]) {
         let (row_count, col_count) = image.cloudy.dim();
         let frame = DVec2::new(row_count as f64, col_count as f64);
         let low = self.0.iter().copied().fold(DVec2::INFINITY, DVec2::min);
         let high = self.0.iter().copied().fold(DVec2::NEG_INFINITY, DVec2::max);
         let inside = low.cmpge(DVec2::splat(-TOUCH)).all() && high.cmple(frame + TOUCH).all();
-        let (rows, cols) = (pixels(low.x, high.x, row_count), pixels(low.y, high.y, col_count));
+        (inside, [pixels(low.x, high.x, row_count), pixels(low.y, high.y, col_count)])
+    }
+
+    /// Whether a cloudy pixel overlaps the footprint; `None` when none does, but the
+    /// footprint is not all inside the frame.
+    pub(super) fn vote(&self, image: &CloudyPixels) -> Option<bool> {
+        let (inside, [rows, cols]) = self.frame(image);
         let count = image.count(&rows, &cols);
         // Inside the frame some pixel within these rows and columns overlaps the
         // footprint for sure: when all are cloudy, nothing need be found out.
@@ -213,10 +249,10 @@ mod tests {
         let grid = Grid::new(DVec3::new(0.0, 0.0, 0.5), DVec3::new(0.05, 0.06, 0.04), [14, 13, 16])
             .unwrap();
         for view in Formation::pearls_32().views(grid.center(), [26, 26]).unwrap() {
+            let corners = CornerPixels::new(&grid, [0; 3], [15, 14, 17], &view.projector());
             for k in [0, 9] {
-                let corners = [corner_pixels(&grid, k, &view), corner_pixels(&grid, k + 1, &view)];
                 for (j, i) in [(0, 0), (4, 11), (8, 3), (12, 15)] {
-                    let footprint = Footprint::of_voxel(&corners, j, i).unwrap();
+                    let footprint = corners.footprint([k, j, i]).unwrap();
                     let polygon = hull(footprint.0.to_vec());
                     for (row, col) in (0..26).flat_map(|row| (0..26).map(move |col| (row, col))) {
                         let mut cloudy = Array2::from_elem((26, 26), false);

@@ -7,6 +7,7 @@ mod view_list;
 
 pub use formation::{EARTH_RADIUS_KM, Formation};
 pub use surface::{Surface, Waves};
+pub(crate) use view::Projector;
 pub use view::{Projection, View, target};
 pub use view_list::{VIEW_FILE_HELP, ViewList};
 

@@ -159,24 +159,46 @@ impl View {
     /// behind the camera.
     #[inline]
     pub fn project(&self, point: DVec3) -> Option<(f64, f64)> {
-        let (row, col) = match self.projection {
+        self.projector().project(point)
+    }
+
+    /// The projection of many points.
+    pub(crate) fn projector(&self) -> Projector {
+        let (col_axis, row_axis) = self.axes();
+        Projector { view: *self, towards: self.towards(), col_axis, row_axis }
+    }
+}
+
+/// A view that is ready to project many points.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Projector {
+    view: View,
+    towards: DVec3,
+    col_axis: DVec3,
+    row_axis: DVec3,
+}
+
+impl Projector {
+    /// As [`View::project`].
+    #[inline]
+    pub(crate) fn project(&self, point: DVec3) -> Option<(f64, f64)> {
+        let (row, col) = match self.view.projection {
             Projection::Perspective { position, pixel_tangent } => {
-                let (col_axis, row_axis) = self.axes();
                 let offset = point - position;
-                let depth = -offset.dot(self.towards());
+                let depth = -offset.dot(self.towards);
                 if depth <= 0.0 {
                     return None;
                 }
                 let scale = 1.0 / (depth * pixel_tangent);
-                (offset.dot(row_axis) * scale, offset.dot(col_axis) * scale)
+                (offset.dot(self.row_axis) * scale, offset.dot(self.col_axis) * scale)
             }
             Projection::Orthographic { towards, pixel_km } => {
-                let offset = point - self.target;
+                let offset = point - self.view.target;
                 let foot = offset - offset.z / towards.z * towards;
                 (foot.y / pixel_km, foot.x / pixel_km)
             }
         };
-        Some((row + 0.5 * self.rows as f64, col + 0.5 * self.cols as f64))
+        Some((row + 0.5 * self.view.rows as f64, col + 0.5 * self.view.cols as f64))
     }
 }
 

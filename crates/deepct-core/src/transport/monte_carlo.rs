@@ -219,6 +219,7 @@ pub(super) fn render(
         standard_error: Some(stack(|radiance| radiance.standard_error)?),
         samples_per_pixel: film.sums[0].count,
         interrupted,
+        converged: true,
     })
 }
 

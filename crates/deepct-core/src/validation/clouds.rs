@@ -9,16 +9,17 @@
 use super::{Effort, Row, Suite};
 use crate::cloud::{Cloud, CumulusSettings, cumulus};
 use crate::error::{Error, Result};
-use crate::grid::Volume;
+use crate::grid::{Grid, Volume};
 use crate::image::ViewStack;
 use crate::math::{DVec3, towards};
 use crate::optics::air::Air;
-use crate::optics::{DropletTable, Medium};
-use crate::scene::{Formation, Observation, Scene, Sun, Surface, View};
+use crate::optics::{DropletSettings, DropletTable, Medium};
+use crate::scene::{Boundary, Formation, Observation, Scene, Sun, Surface, View};
 use crate::transport::{
-    MonteCarloSettings, OrdinatesModel, OrdinatesSettings, Rendering, Solver, render,
+    MonteCarloSettings, OrdinatesModel, OrdinatesSettings, Rendering, Solver, radiances, render,
 };
 use crate::traverse::walk;
+use ndarray::Array3;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
@@ -377,7 +378,61 @@ fn views_of(extinction: &Volume, directions: &[DVec3]) -> Result<Vec<View>> {
     directions.iter().map(|direction| view(direction, size)).collect()
 }
 
-/// A row for the signal of each view, one for the bright pixels of each cloud, and one for those of
+/// Optical depths of the layers in which the glory is looked at.
+const GLORY_DEPTHS: [f32; 3] = [1.0, 10.0, 40.0];
+/// Largest relative error of a layer's radiance near backscatter.
+const GLORY_TOLERANCE: f64 = 0.015;
+
+/// Layers of droplets of 10 um around exact backscatter, where the forward peak broadens the glory.
+fn glory(effort: Effort, row: &mut dyn FnMut(Row)) -> Result<()> {
+    let table = Arc::new(DropletTable::mie(&DropletSettings::water(0.672), &[10.0])?);
+    let sun = Sun::from_degrees(30.0, 45.0)?;
+    let grid = Grid::new(DVec3::ZERO, DVec3::new(1.0, 1.0, 0.1), [4, 1, 1])?;
+    for depth in GLORY_DEPTHS {
+        let extinction = Volume::constant(grid, depth / 0.4);
+        let radii = Array3::from_elem(grid.shape, 10.0);
+        let medium = Medium::of_droplets(extinction.clone(), radii, Arc::clone(&table))?;
+        let scene = Scene::new(medium, sun, Surface::BLACK)?.with_boundary(Boundary::Periodic);
+        let side = DVec3::Z.cross(sun.towards()).normalize();
+        for angle in BACKSCATTER_DEG {
+            let started = Instant::now();
+            let towards =
+                f64::to_radians(angle).cos() * sun.towards() + f64::to_radians(angle).sin() * side;
+            let target = DVec3::new(0.5, 0.5, 0.4);
+            let view = View::orthographic(towards, target, 1e-3, [1, 1])?;
+            let mut model =
+                OrdinatesModel::new(&scene, &[view], None, &OrdinatesSettings::default())?;
+            let found = f64::from(model.images(&extinction)?.values[[0, 0, 0]]);
+            let seconds = started.elapsed().as_secs_f64();
+            let settings = MonteCarloSettings {
+                samples_per_pixel: effort.samples / 2,
+                seed: effort.seed,
+                ..Default::default()
+            };
+            // The samples of one ray are drawn in turn: those of several go on all threads.
+            let rays = vec![view.ray(0.5, 0.5); RAYS * RAYS];
+            let expected = radiances(&scene, &rays, &settings)?;
+            let count = expected.len() as f64;
+            let mean = expected.iter().map(|one| one.mean).sum::<f64>() / count;
+            let variance: f64 = expected.iter().map(|one| one.standard_error.powi(2)).sum();
+            let error = variance.sqrt() / count / mean;
+            let tolerance = GLORY_TOLERANCE + 3.0 * error;
+            row(Row {
+                suite: Suite::Clouds,
+                case: format!("layer of droplets, tau {depth}: {angle} degrees from backscatter"),
+                value: found / mean,
+                standard_error: error,
+                reference: 1.0,
+                tolerance,
+                passed: (found / mean - 1.0).abs() <= tolerance,
+                seconds,
+            });
+        }
+    }
+    Ok(())
+}
+
+/// Rows of the glory in layers, a row for the signal of each view, one for the bright pixels of each cloud, and one for those of
 /// all clouds.
 pub(super) fn run(
     effort: Effort,
@@ -385,7 +440,8 @@ pub(super) fn run(
     cache: Option<&Path>,
     row: &mut dyn FnMut(Row),
 ) -> Result<()> {
-    let noise = if effort.relative_error.is_some() { 0.004 } else { 0.01 };
+    glory(effort, row)?;
+    let noise = if effort.relative_error.is_some() { 0.005 } else { 0.02 };
     let mut all = Vec::new();
     for case in cases(folder)? {
         let reference = case.reference(noise, effort.seed, cache)?;

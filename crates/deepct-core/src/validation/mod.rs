@@ -8,6 +8,7 @@ mod clouds;
 mod cubes;
 mod droplets;
 mod gradients;
+mod iprt;
 mod layers;
 #[cfg(feature = "files")]
 mod rico;
@@ -44,6 +45,8 @@ pub enum Suite {
     Mie,
     /// A simulated cumulus seen by Mitsuba and SHDOM; needs their files.
     Rico,
+    /// A cube cloud of the project IPRT, by the Monte Carlo solver.
+    Iprt,
     /// The deterministic solver on whole clouds, against the Monte Carlo solver; more clouds where
     /// the folder of the simulations is given.
     Clouds,
@@ -51,7 +54,7 @@ pub enum Suite {
 
 impl Suite {
     /// All suites.
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 9] = [
         Self::Slabs,
         Self::Layers,
         Self::Gradients,
@@ -59,6 +62,7 @@ impl Suite {
         Self::Step,
         Self::Mie,
         Self::Rico,
+        Self::Iprt,
         Self::Clouds,
     ];
 
@@ -72,6 +76,7 @@ impl Suite {
             Self::Step => "step",
             Self::Mie => "mie",
             Self::Rico => "rico",
+            Self::Iprt => "iprt",
             Self::Clouds => "clouds",
         }
     }
@@ -197,6 +202,7 @@ pub fn validate(
         Suite::Cubes => cubes::run(report),
         Suite::Step => step::run(report),
         Suite::Mie => droplets::run(report, reference),
+        Suite::Iprt => iprt::run(report),
         Suite::Clouds => clouds::run(effort, reference, cache, report.row),
         #[cfg(feature = "files")]
         Suite::Rico => rico::run(report, reference),

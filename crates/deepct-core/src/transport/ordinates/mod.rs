@@ -64,6 +64,7 @@ pub struct OrdinatesModel {
     state: Option<State>,
     adjoint: Option<Field>,
     sweeps: usize,
+    converged: bool,
 }
 
 /// A solution.
@@ -151,6 +152,7 @@ impl OrdinatesModel {
             state: None,
             adjoint: None,
             sweeps: 0,
+            converged: true,
         })
     }
 
@@ -189,6 +191,11 @@ impl OrdinatesModel {
     /// Number of cells.
     pub fn cells(&self) -> usize {
         self.lattice.len()
+    }
+
+    /// Whether the last solution came to the tolerance of the settings.
+    pub fn converged(&self) -> bool {
+        self.converged
     }
 
     /// Number of sweeps of the last solution.
@@ -342,7 +349,7 @@ impl OrdinatesModel {
         let irradiance = surroundings.start();
         let origin = Origin { own: &first, outside: &outside, irradiance };
         let (field, sweeps) = transport.solve(origin, start, tolerance, most_sweeps);
-        self.sweeps = sweeps;
+        (self.sweeps, self.converged) = (sweeps, sweeps < most_sweeps);
         self.state =
             Some(State { extinction, whole, kept, sun_depths, shade, outside, first, field });
     }

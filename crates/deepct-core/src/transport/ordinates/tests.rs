@@ -4,7 +4,7 @@ use super::*;
 use crate::grid::Grid;
 use crate::math::{DVec3, towards};
 use crate::optics::air::Air;
-use crate::optics::{Interpolation, Medium, PhaseFunction};
+use crate::optics::{DropletSettings, DropletTable, Interpolation, Medium, PhaseFunction};
 use crate::scene::{Boundary, Sun, Surface, View};
 use crate::transport::{MonteCarloSettings, Solver, render};
 
@@ -161,5 +161,127 @@ fn images_are_those_of_random_paths() {
                 "{boundary:?} {surface:?} {air:?}, view {view}: {found} {expected} +- {noise}"
             );
         }
+    }
+}
+
+/// A cloud above a black surface, without air.
+fn bare(extinction: &Volume, asymmetry: f64) -> Scene {
+    let phase = PhaseFunction::henyey_greenstein(asymmetry).unwrap();
+    let medium = Medium::new(extinction.clone(), 1.0, phase).unwrap();
+    Scene::new(medium, Sun::default(), Surface::BLACK).unwrap()
+}
+
+fn solved(scene: &Scene, views: &[View]) -> ViewStack {
+    let settings = OrdinatesSettings::default();
+    let mut model = OrdinatesModel::new(scene, views, None, &settings).unwrap();
+    model.images(&scene.medium.extinction).unwrap()
+}
+
+/// The air scatters between and in the cells, whatever voxels are called active: 0.004492 by the
+/// Monte Carlo solver, where rays that left the air out between their first and last cell saw 0.00401.
+#[test]
+fn air_scatters_all_along_a_ray() {
+    let grid = Grid::new(DVec3::new(0.0, 0.0, 0.5), DVec3::new(0.5, 0.5, 0.25), [4, 4, 4]).unwrap();
+    let view =
+        |zenith| View::orthographic(towards(zenith, 0.5), grid.center(), 0.5, [4, 4]).unwrap();
+    let views = [view(0.0), view(0.8)];
+    let mut corner = Volume::constant(grid, 0.0);
+    corner.values[[0, 0, 0]] = 1e-9;
+    let scenes = [Volume::constant(grid, 0.0), corner, Volume::constant(grid, 1e-9)].map(|cloud| {
+        let air = Air::new(0.672).unwrap();
+        bare(&cloud, 0.85).with_air(air)
+    });
+    let images = scenes.each_ref().map(|scene| solved(scene, &views));
+    let nadir = f64::from(images[2].values[[0, 2, 2]]);
+    assert!((nadir / 0.004492 - 1.0).abs() < 0.005, "{nadir}");
+    for (empty, (corner, all)) in
+        images[0].values.iter().zip(images[1].values.iter().zip(&images[2].values))
+    {
+        for found in [corner, all] {
+            assert!((found / empty - 1.0).abs() < 3e-3, "{found} {empty}");
+        }
+    }
+}
+
+/// What a lone voxel sends into pixels of a sixteenth, one and four times its width is the same;
+/// and what it sends is that of the Monte Carlo solver.
+#[test]
+fn pixels_of_any_size_see_the_same_voxel() {
+    let grid = Grid::new(DVec3::new(0.0, 0.0, 1.0), DVec3::splat(0.05), [5, 5, 5]).unwrap();
+    let mut extinction = Volume::constant(grid, 0.0);
+    extinction.values[[2, 2, 2]] = 50.0;
+    let scene = bare(&extinction, 0.85);
+    let view = |size: f64, count: usize| {
+        let target = grid.center() + DVec3::new(0.011, -0.007, 0.0);
+        View::orthographic(towards(0.5, 2.0), target, size, [count; 2]).unwrap()
+    };
+    let light = |size: f64, count: usize| -> f64 {
+        let images = solved(&scene, &[view(size, count)]);
+        size * size * images.values.iter().map(|value| f64::from(*value)).sum::<f64>()
+    };
+    let paths = MonteCarloSettings { samples_per_pixel: 20_000, ..Default::default() };
+    let one = view(0.05, 8);
+    let truth = render(&scene, &[one], &Solver::MonteCarlo(paths), &()).unwrap();
+    let expected =
+        0.05 * 0.05 * truth.images.values.iter().map(|value| f64::from(*value)).sum::<f64>();
+    for (size, count) in [(0.05 / 16.0, 128), (0.05, 8), (0.2, 2)] {
+        let found = light(size, count);
+        assert!((found / expected - 1.0).abs() < 0.015, "{size}: {found} {expected}");
+    }
+}
+
+/// Between the points where the depth towards the Sun is known it may vary from 0 to 10; beyond them
+/// it must not fall below zero, as that would be more light than the Sun has.
+#[test]
+fn sunlight_is_never_more_than_the_suns() {
+    let depths = [0.0, 10.0, 0.0, 10.0, 0.0, 10.0, 0.0, 10.0];
+    for number in 0..=20 {
+        let x = f64::from(number) / 20.0;
+        assert!(beam::sun_depth(&depths, DVec3::new(x, 0.1, 0.9)) >= 0.0);
+    }
+}
+
+/// A small cloud of droplets in air above the ocean at the default settings, on what a user looks
+/// at: its light above that of the clear scene, in views down, slanted and of the glory.
+#[test]
+fn the_light_of_a_small_cloud_is_that_of_photon_paths() {
+    let grid =
+        Grid::new(DVec3::new(0.0, 0.0, 0.6), DVec3::new(0.05, 0.05, 0.04), [5, 6, 6]).unwrap();
+    let ragged = Array3::from_shape_fn(grid.shape, |(k, j, i)| {
+        let at = (grid.voxel_center([k, j, i]) - grid.center()) / grid.extent();
+        let hole = (5 * k + 3 * j + 7 * i) % 4 == 0;
+        if at.length() < 0.48 && !hole {
+            20.0 + 10.0 * ((3 * k + j + 2 * i) % 5) as f32
+        } else {
+            0.0
+        }
+    });
+    let extinction = Volume::new(grid, ragged).unwrap();
+    let table = DropletTable::mie(&DropletSettings::water(0.672), &[10.0]).unwrap();
+    let phase = table.nodes()[0].phase_function.clone();
+    let sun = Sun::default();
+    let scene = |extinction: &Volume| {
+        let medium = Medium::new(extinction.clone(), 1.0, phase.clone()).unwrap();
+        let scene = Scene::new(medium, sun, Surface::OCEAN).unwrap();
+        scene.with_air(Air::new(0.672).unwrap())
+    };
+    let views = [DVec3::Z, towards(0.9, 3.0), sun.towards()]
+        .map(|towards| View::orthographic(towards, grid.center(), 0.05, [8, 8]).unwrap());
+    let images = solved(&scene(&extinction), &views);
+    let clear = solved(&scene(&Volume::constant(grid, 0.0)), &views);
+    let settings = MonteCarloSettings { samples_per_pixel: 12_000, ..Default::default() };
+    let truth = render(&scene(&extinction), &views, &Solver::MonteCarlo(settings), &()).unwrap();
+    let error = truth.standard_error.as_ref().unwrap();
+    for view in 0..views.len() {
+        let sum = |stack: &ViewStack| -> f64 {
+            stack.image(view).iter().map(|value| f64::from(*value)).sum()
+        };
+        let variance: f64 = error.image(view).iter().map(|e| f64::from(e * e)).sum();
+        let signal = sum(&truth.images) - sum(&clear);
+        let (found, noise) = (sum(&images) - sum(&clear), variance.sqrt());
+        assert!(
+            (found - signal).abs() < 0.015 * signal + 3.0 * noise && noise < 0.01 * signal,
+            "view {view}: {found} {signal} +- {noise}"
+        );
     }
 }

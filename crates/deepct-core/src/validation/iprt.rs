@@ -1,0 +1,60 @@
+//! The cube cloud of the International Polarized Radiative Transfer project, phase B, case C2
+//! (Emde et al. 2018): the intensity of light that leaves the top of the domain, as a polarised GPU
+//! Monte Carlo code published it (SMART-G), which agrees with MYSTIC to 0.5 % in every pixel.
+
+use super::{Reference, Report};
+use crate::error::Result;
+use crate::grid::{Grid, Volume};
+use crate::math::{DVec3, towards};
+use crate::optics::{DropletTable, Medium};
+use crate::scene::{Boundary, Scene, Sun, Surface, View};
+use crate::transport::{MonteCarloSettings, Share, Solver, render};
+use ndarray::Array3;
+use std::sync::Arc;
+
+/// Number of the case, zenith of the view and its azimuth minus the Sun's (degrees), mean intensity.
+const CASES: [(usize, f64, f64, f64); 5] = [
+    (5, 0.0, 0.0, 0.049392),
+    (6, 40.0, 0.0, 0.052328),
+    (7, 40.0, 60.0, 0.049915),
+    (8, 40.0, 120.0, 0.049162),
+    (9, 40.0, 180.0, 0.049208),
+];
+/// The relative difference that is tolerated besides the noise.
+const ACCURACY: f64 = 2e-3;
+/// Columns along each side of the domain of 7 km.
+const COLUMNS: usize = 7;
+
+pub(super) fn run(mut report: Report) -> Result<()> {
+    let grid = Grid::new(DVec3::ZERO, DVec3::ONE, [5, COLUMNS, COLUMNS])?;
+    let mut extinction = Volume::constant(grid, 0.0);
+    extinction.values[[2, 3, 3]] = 10.0;
+    let radii = Array3::from_elem(grid.shape, 10.0);
+    let medium = Medium::of_droplets(extinction, radii, Arc::new(DropletTable::water(0.8)?))?;
+    // The Sun stands across a face of the cube.
+    let azimuth = 90_f64;
+    let sun = Sun::from_degrees(40.0, azimuth)?;
+    let scene =
+        Scene::new(medium, sun, Surface::lambertian(0.2))?.with_boundary(Boundary::Periodic);
+    let target = DVec3::new(3.5, 3.5, 5.0);
+    for (number, zenith, from_sun, expected) in CASES {
+        let direction = towards(zenith.to_radians(), (azimuth + from_sun).to_radians());
+        let view = View::orthographic(direction, target, 1.0, [COLUMNS; 2])?;
+        let settings = MonteCarloSettings {
+            samples_per_pixel: report.effort.samples / (COLUMNS * COLUMNS) as u32,
+            seed: report.effort.seed,
+            ..Default::default()
+        };
+        let found = render(&scene, &[view], &Solver::MonteCarlo(settings), &())?;
+        let count = found.images.values.len() as f64;
+        let sum: f64 = found.images.values.iter().map(|value| f64::from(*value)).sum();
+        let errors = found.standard_error.iter().flat_map(|error| error.values.iter());
+        let variance: f64 = errors.map(|error| f64::from(error * error)).sum();
+        let mean = Share { mean: sum / count, standard_error: variance.sqrt() / count };
+        let systematic = ACCURACY * expected;
+        let reference = Reference { value: expected, standard_error: 5e-7, systematic };
+        let case = format!("C2, case {number}: mean intensity");
+        report.compare(&[(case, mean, reference)]);
+    }
+    Ok(())
+}
