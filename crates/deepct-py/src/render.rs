@@ -64,7 +64,7 @@ impl Phase {
 ///
 /// Backward Monte Carlo: paths start in a pixel, scatter by chance, and look at the Sun
 /// from each scattering. The same seed gives the same images, whatever the number of
-/// threads. Or discrete ordinates: without noise, in seconds, and about 1 % off.
+/// threads. Or discrete ordinates: without noise, in seconds, bright pixels about 1 % off.
 ///
 /// Parameters
 /// ----------

@@ -1,0 +1,144 @@
+#!/usr/bin/env python3
+"""The four methods on images that another solver made: the independent test of docs/results.md.
+
+    python3 benches/independent.py --simulations FOLDER --work DIR \
+        [--program target/release/deepct] [--clouds 10] [--noise 0.02] [--methods network,hybrid]
+
+Takes clouds of `recipes/bomex-test.toml`, evenly spread over their sizes, and renders the ten views of
+each by the Monte Carlo solver without bias (relative noise NOISE in bright pixels, before the
+sensor's). The images of the deterministic solver, which the inversions use as well, are those of the
+data set: on them a solver inverts its own images. Each image passes the CMV4000. Inversions are given
+the mean effective radius of the cloud, or 8 um, which is what may be assumed where nothing is known.
+Prints a row for each cloud, method, kind of images and radius, and the means. What is in DIR already is
+not made again. Needs numpy and h5py.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+import subprocess
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+HERE = Path(__file__).parent
+SMALLEST = 60
+"""Voxels of the smallest cloud that is taken."""
+FIXED_RADIUS = 8.0
+"""Effective radius (um) where it is not known."""
+DROPLETS = ["--set", "optics.phase=mie"]
+
+
+class Bench:
+    """A folder of work, and the program."""
+
+    def __init__(self, arguments: argparse.Namespace) -> None:
+        self.work, self.program = arguments.work, arguments.program.resolve()
+        self.simulations, self.noise = arguments.simulations, arguments.noise
+
+    def run(self, *arguments: object) -> str:
+        """What a command of the program prints."""
+        command = [str(self.program), *map(str, arguments)]
+        done = subprocess.run(command, capture_output=True, text=True)
+        if done.returncode != 0:
+            raise SystemExit(f"{' '.join(command)}\n{done.stderr}")
+        return done.stdout
+
+    def clouds(self, count: int) -> list[Path]:
+        """Samples of the test set, evenly spread over the number of voxels."""
+        folder = self.work / "bomex-test"
+        if not (folder / "manifest.json").exists():
+            recipe = HERE.parent / "recipes" / "bomex-test.toml"
+            self.run("-q", "dataset", "generate", recipe, "--simulations", self.simulations,
+                     "--out", folder)
+        sizes = sorted((voxels(path), path) for path in folder.glob("samples/*.nc"))
+        large = [path for size, path in sizes if size >= SMALLEST]
+        return [large[(2 * n + 1) * len(large) // (2 * count)] for n in range(count)]
+
+    def images(self, cloud: Path, kind: str) -> Path:
+        """Noisy images of a cloud by one of the solvers."""
+        clean = self.work / f"{cloud.stem}-{kind}.nc"
+        noisy = self.work / f"{cloud.stem}-{kind}-noisy.nc"
+        if not clean.exists():
+            how = {
+                "monte-carlo": ["--noise", self.noise],
+                "ordinates": ["--solver", "ordinates"],
+            }[kind]
+            self.run("-q", "render", cloud, "--views", "cloudct-10", "--air", *DROPLETS, *how,
+                     "--seed", 5, "--out", clean)
+        if not noisy.exists():
+            self.run("-q", "sense", clean, "--sensor", "cmv4000", "--seed", 3, "--out", noisy)
+        return noisy
+
+    def score(self, cloud: Path, images: Path, method: str, radius: float) -> dict[str, float]:
+        """epsilon, delta and seconds of one method."""
+        out = self.work / "answer.nc"
+        if method == "network":
+            self.run("-q", "infer", images, "--weights", "cloudct-10", "--carve", "--out", out)
+            scores = json.loads(self.run("score", "--truth", cloud, out, "--json"))
+            row = scores[0] if isinstance(scores, list) else scores
+            return {"epsilon": row["relative_error"], "delta": row["mass_error"], "seconds": 0.0}
+        light = ["--air", *DROPLETS, "--set", f"optics.effective_radius={radius:.4f}"]
+        common = [*light, "--truth", cloud, "--out", out]
+        if method == "physics":
+            printed = self.run("invert", images, "--grid", cloud, *common)
+        else:
+            quick = ["--quick"] if method == "quick-hybrid" else []
+            printed = self.run("hybrid", images, "--weights", "cloudct-10", *quick, *common)
+        number = {
+            name: float(re.search(rf"^{name}\s+(-?[\d.]+)", printed, re.MULTILINE)[1])
+            for name in ("epsilon", "delta")
+        }
+        return {**number, "seconds": float(re.search(r"in ([\d.]+) s", printed)[1])}
+
+
+def voxels(path: Path) -> int:
+    """Number of voxels with water."""
+    with h5py.File(path) as file:
+        return int((file["lwc"][...] > 0).sum())
+
+
+def mean_radius(path: Path) -> float:
+    """Effective radius (um), the mean weighted by the extinction."""
+    with h5py.File(path) as file:
+        water, radius = file["lwc"][...], file["reff"][...]
+    wet = water > 0
+    return float(water.sum() / (water[wet] / radius[wet]).sum())
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--simulations", type=Path, required=True, help="folder of the BOMEX runs")
+    parser.add_argument("--work", type=Path, required=True, help="folder for all that is made")
+    parser.add_argument("--program", type=Path, default=Path("target/release/deepct"))
+    parser.add_argument("--clouds", type=int, default=10)
+    parser.add_argument("--noise", type=float, default=0.02)
+    parser.add_argument("--methods", default="network,physics,hybrid,quick-hybrid")
+    parser.add_argument("--kinds", default="monte-carlo,ordinates")
+    parser.add_argument("--radii", default="true,fixed")
+    arguments = parser.parse_args()
+    arguments.work.mkdir(parents=True, exist_ok=True)
+    bench = Bench(arguments)
+    clouds = bench.clouds(arguments.clouds)
+    for method in arguments.methods.split(","):
+        for kind in arguments.kinds.split(","):
+            for radius in arguments.radii.split(",") if method != "network" else ["true"]:
+                rows = []
+                for cloud in clouds:
+                    size = mean_radius(cloud) if radius == "true" else FIXED_RADIUS
+                    row = bench.score(cloud, bench.images(cloud, kind), method, size)
+                    rows.append(row)
+                    print(f"{method:13} {kind:12} {radius:6} {cloud.stem:16} "
+                          f"{voxels(cloud):5} {row['epsilon']:.3f} {row['delta']:+.3f} "
+                          f"{row['seconds']:7.1f}", flush=True)
+                means = {name: np.mean([row[name] for row in rows]) for name in rows[0]}
+                print(f"{method:13} {kind:12} {radius:6} mean of {len(rows):3} clouds      "
+                      f"{means['epsilon']:.3f} {means['delta']:+.3f} {means['seconds']:7.1f}",
+                      flush=True)
+
+
+if __name__ == "__main__":
+    main()
