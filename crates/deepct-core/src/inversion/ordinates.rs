@@ -14,6 +14,9 @@ pub const QUICK_TOLERANCE: f64 = 1e-2;
 
 /// Rays of a pixel in those steps.
 const QUICK_RAYS: usize = 3;
+/// Tolerance and rays of a pixel of all other steps.
+const STEP_TOLERANCE: f64 = 3e-3;
+const STEP_RAYS: usize = 5;
 
 /// The least extinction that voxels of a mask are prepared for (1/km): steps may fill empty ones.
 const LEAST_PREPARED: f32 = 20.0;
@@ -37,25 +40,32 @@ pub struct OrdinatesModels {
 }
 
 impl OrdinatesModels {
-    /// The solver with its own settings, and half of its ordinates on coarser grids.
+    /// Steps by larger cells, fewer rays and [`STEP_TOLERANCE`], corrected at the start by the solver
+    /// of the given settings; half of its ordinates on coarser grids.
     pub fn new(scene: Scene, views: Vec<View>, settings: OrdinatesSettings) -> Self {
         let coarse_settings = OrdinatesSettings {
             zenith_angles: (settings.zenith_angles / 8 * 4).max(4),
             most_parts: 1,
             ..settings
         };
-        Self { scene, views, settings, coarse_settings, accurate_settings: None }
+        let steps = OrdinatesSettings {
+            cell_depth: 2.0 * settings.cell_depth,
+            rays_per_pixel: settings.rays_per_pixel.min(STEP_RAYS),
+            tolerance: settings.tolerance.max(STEP_TOLERANCE),
+            ..settings
+        };
+        Self { scene, views, settings: steps, coarse_settings, accurate_settings: Some(settings) }
     }
 
     /// Steps by the ordinates of the coarser grids with [`QUICK_TOLERANCE`], corrected at the start by
-    /// the solver of the present settings.
+    /// the same solver as before.
     pub fn quick(self) -> Self {
         let settings = OrdinatesSettings {
             tolerance: QUICK_TOLERANCE,
             rays_per_pixel: QUICK_RAYS,
             ..self.coarse_settings
         };
-        Self { settings, accurate_settings: Some(self.settings), ..self }
+        Self { settings, ..self }
     }
 
     /// What collisions do on a grid of blocks of voxels.
