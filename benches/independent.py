@@ -2,7 +2,9 @@
 """The four methods on images that another solver made: the independent test of docs/results.md.
 
     python3 benches/independent.py --simulations FOLDER --work DIR \
-        [--program target/release/deepct] [--clouds 10] [--noise 0.02] [--methods network,hybrid]
+        [--program target/release/deepct] [--clouds 10 | --samples NAME,NAME] [--noise 0.02] \
+        [--methods network,physics,hybrid,quick-hybrid] [--kinds monte-carlo,ordinates] \
+        [--radii true,fixed]
 
 Takes clouds of `recipes/bomex-test.toml`, evenly spread over their sizes, and renders the ten views of
 each by the Monte Carlo solver without bias (relative noise NOISE in bright pixels, before the
@@ -47,13 +49,15 @@ class Bench:
             raise SystemExit(f"{' '.join(command)}\n{done.stderr}")
         return done.stdout
 
-    def clouds(self, count: int) -> list[Path]:
-        """Samples of the test set, evenly spread over the number of voxels."""
+    def clouds(self, count: int, names: str | None) -> list[Path]:
+        """Samples of the test set by their names, or evenly spread over the number of voxels."""
         folder = self.work / "bomex-test"
         if not (folder / "manifest.json").exists():
             recipe = HERE.parent / "recipes" / "bomex-test.toml"
             self.run("-q", "dataset", "generate", recipe, "--simulations", self.simulations,
                      "--out", folder)
+        if names is not None:
+            return [folder / "samples" / f"{name}.nc" for name in names.split(",")]
         sizes = sorted((voxels(path), path) for path in folder.glob("samples/*.nc"))
         large = [path for size, path in sizes if size >= SMALLEST]
         return [large[(2 * n + 1) * len(large) // (2 * count)] for n in range(count)]
@@ -115,6 +119,7 @@ def main() -> None:
     parser.add_argument("--work", type=Path, required=True, help="folder for all that is made")
     parser.add_argument("--program", type=Path, default=Path("target/release/deepct"))
     parser.add_argument("--clouds", type=int, default=10)
+    parser.add_argument("--samples", help="names of samples, in place of --clouds")
     parser.add_argument("--noise", type=float, default=0.02)
     parser.add_argument("--methods", default="network,physics,hybrid,quick-hybrid")
     parser.add_argument("--kinds", default="monte-carlo,ordinates")
@@ -122,7 +127,7 @@ def main() -> None:
     arguments = parser.parse_args()
     arguments.work.mkdir(parents=True, exist_ok=True)
     bench = Bench(arguments)
-    clouds = bench.clouds(arguments.clouds)
+    clouds = bench.clouds(arguments.clouds, arguments.samples)
     for method in arguments.methods.split(","):
         for kind in arguments.kinds.split(","):
             for radius in arguments.radii.split(",") if method != "network" else ["true"]:

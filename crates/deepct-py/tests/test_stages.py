@@ -150,11 +150,11 @@ def test_a_mask_holds_the_ball_it_was_carved_from(grid, extinction, views):
 
 def test_an_inversion_finds_a_thin_ball(grid, extinction, views):
     thin = (extinction / 15).astype(np.float32)
-    images = deepct_py.render(thin, grid, views, samples_per_pixel=1024, surface_albedo=0.0)
+    images = deepct_py.render(thin, grid, views, samples_per_pixel=20000, surface_albedo=0.0)
     options = {
         "standard_error": images.standard_error,
         "surface_albedo": 0.0,
-        "iterations": 8,
+        "iterations": 12,
         "coarse": [],
         "mask": np.ones(grid.shape, bool),
     }
@@ -164,8 +164,8 @@ def test_an_inversion_finds_a_thin_ball(grid, extinction, views):
     assert errors[-1] == pytest.approx(
         deepct_py.score(thin, found.extinction).relative_error, rel=1e-5
     )
-    assert found.history[-1]["misfit"] < 0.3 * found.history[0]["misfit"]
-    assert errors[-1] < 0.8 * errors[0] and found.ending in ("noise", "iterations", "stalled")
+    assert found.history[-1]["misfit"] < 3.0
+    assert errors[-1] < 0.3 and found.ending in ("noise", "iterations", "stalled")
     other = deepct_py.invert(images.radiance, views, grid, start=found.extinction, **options)
     assert other.history[0]["misfit"] < 1.1 * found.history[-1]["misfit"]
     with pytest.raises(TypeError, match="iteratons"):

@@ -68,6 +68,8 @@ pub struct Domain<'a> {
     pub mask: &'a Mask,
     /// The extinction (1/km) that steps begin at, about, on the same grid.
     pub expected: &'a Volume,
+    /// Whether that is an estimate of the answer, and not the same everywhere or of a coarser grid.
+    pub near: bool,
     /// The pixels `[view, row, col]` that count; others may be left at 0.
     pub pixels: &'a Array3<bool>,
 }

@@ -28,14 +28,14 @@ pub struct OrdinatesModels {
     pub scene: Scene,
     /// The views of the observation.
     pub views: Vec<View>,
-    /// Settings on the grid of the answer.
+    /// Settings on the grid of the answer, for steps from an estimate of it.
     pub settings: OrdinatesSettings,
     /// Settings on coarser grids, where voxels are not split.
     pub coarse_settings: OrdinatesSettings,
-    /// Settings of a more accurate solver, if any. Its images of the start, minus those by
-    /// `settings`, are added to all later ones on the grid of the answer: a step then costs what the
-    /// cheap solver does, and near the start its error is that of the accurate one (defect
-    /// correction: Stetter 1978).
+    /// Settings of a more accurate solver, if any. Its images of the estimate, minus those by
+    /// `settings`, are added to all later ones: a step then costs what the cheap solver does, and near
+    /// the estimate its error is that of the accurate one (defect correction: Stetter 1978). From any
+    /// other start the accurate solver takes all steps.
     pub accurate_settings: Option<OrdinatesSettings>,
 }
 
@@ -90,7 +90,7 @@ impl OrdinatesModels {
 
 impl Models for OrdinatesModels {
     fn model(&mut self, domain: &Domain) -> Result<Box<dyn ForwardModel + '_>> {
-        let Domain { mask, expected, pixels } = *domain;
+        let Domain { mask, expected, near, pixels } = *domain;
         let fine = mask.grid.shape == self.scene.medium.extinction.grid.shape;
         let mut scene = self.scene.clone();
         scene.medium.scattering = self.scattering(&mask.grid);
@@ -108,8 +108,13 @@ impl Models for OrdinatesModels {
         if !fine {
             return Ok(Box::new(make(&self.coarse_settings)?));
         }
+        let Some(accurate) = &self.accurate_settings else {
+            return Ok(Box::new(make(&self.settings)?));
+        };
+        if !near {
+            return Ok(Box::new(make(accurate)?));
+        }
         let cheap = make(&self.settings)?;
-        let Some(accurate) = &self.accurate_settings else { return Ok(Box::new(cheap)) };
         Ok(Box::new(Corrected { cheap, accurate: Some(make(accurate)?), defect: None }))
     }
 }

@@ -228,7 +228,8 @@ impl<'a> Run<'a> {
         };
         let expected = variables.extinction(&from)?;
         let (mask, pixels) = (level.mask()?, measurement.counted());
-        let domain = Domain { mask: &mask, expected: &expected, pixels: &pixels };
+        let near = self.expected.is_some();
+        let domain = Domain { mask: &mask, expected: &expected, near, pixels: &pixels };
         let model = models.model(&domain)?;
         let mut objective = Objective::new(model, &measurement, variables, prior);
         if let Some(expected) = self.expected {

@@ -8,7 +8,9 @@
 
 use super::{Effort, Row, Suite};
 use crate::cloud::{Cloud, CumulusSettings, cumulus};
-use crate::error::{Error, Result};
+#[cfg(feature = "files")]
+use crate::error::Error;
+use crate::error::Result;
 use crate::grid::{Grid, Volume};
 use crate::image::ViewStack;
 use crate::math::{DVec3, towards};
@@ -83,6 +85,7 @@ enum Light {
 
 /// Where a cloud comes from.
 #[derive(Debug, Clone, Copy)]
+#[cfg_attr(not(feature = "files"), allow(dead_code))]
 enum Source {
     /// The generator: seed, width and depth (km), droplets per cm3.
     Generated(u64, f64, f64, f64),
