@@ -291,7 +291,7 @@ impl CloudCase {
     pub fn errors(&self, images: &ViewStack, reference: &Observation) -> Result<Vec<ViewError>> {
         let clear = self.clear()?;
         let truth = &reference.images;
-        let noise = reference.standard_error.as_ref().expect("random paths have noise");
+        let noise = reference.standard_error.as_ref().expect("the Monte Carlo solver gives one");
         let [count, rows, cols] = truth.shape();
         let of_view = |number: usize| {
             let view = &self.views[number];

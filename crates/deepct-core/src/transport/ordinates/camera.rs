@@ -21,7 +21,8 @@ const NARROW: f64 = 0.02;
 const AIR_LEVELS: usize = 17;
 /// Numbers of rays of a pixel: with one of them, and the one before as the generator, a lattice
 /// spreads evenly along all directions (Zaremba 1966).
-const FIBONACCI: [usize; 13] = [3, 5, 8, 13, 21, 34, 55, 89, 144, 233, 377, 610, 987];
+const FIBONACCI: [usize; 16] =
+    [3, 5, 8, 13, 21, 34, 55, 89, 144, 233, 377, 610, 987, 1597, 2584, 4181];
 /// The places of two points in a step, and what their extinctions add to the depth before
 /// each of them and before the end, for one that is linear between them.
 const POINTS: [f64; 2] = [0.211_324_865_405_187_13, 0.788_675_134_594_812_9];
