@@ -40,8 +40,8 @@ pub struct OrdinatesModels {
 }
 
 impl OrdinatesModels {
-    /// Steps by larger cells, fewer rays and [`STEP_TOLERANCE`], corrected at the start by the solver
-    /// of the given settings; half of its ordinates on coarser grids.
+    /// Steps by larger cells, fewer rays and a tolerance of a few thousandths, corrected at the start
+    /// by the solver of the given settings; half of its ordinates on coarser grids.
     pub fn new(scene: Scene, views: Vec<View>, settings: OrdinatesSettings) -> Self {
         let coarse_settings = OrdinatesSettings {
             zenith_angles: (settings.zenith_angles / 8 * 4).max(4),
