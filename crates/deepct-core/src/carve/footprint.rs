@@ -77,6 +77,18 @@ impl CloudyPixels {
         Self { cloudy, sums }
     }
 
+    /// Whether a point is in the inside of a cloudy pixel.
+    fn is_cloudy_at(&self, point: DVec2) -> bool {
+        let pixel = point.floor();
+        let within = point - pixel;
+        let inside = within.cmpgt(DVec2::splat(TOUCH)).all()
+            && within.cmplt(DVec2::splat(1.0 - TOUCH)).all()
+            && pixel.cmpge(DVec2::ZERO).all();
+        // A cast from a float saturates, so what is beyond the frame is no pixel of it.
+        inside
+            && self.cloudy.get([pixel.x as usize, pixel.y as usize]).is_some_and(|cloudy| *cloudy)
+    }
+
     /// Number of cloudy pixels in a rectangle.
     fn count(&self, rows: &Range<usize>, cols: &Range<usize>) -> u32 {
         if rows.is_empty() || cols.is_empty() {
@@ -147,6 +159,11 @@ impl Footprint {
     }
 
     fn overlaps_any(&self, image: &CloudyPixels, rows: Range<usize>, cols: Range<usize>) -> bool {
+        // Most footprints have their middle or a corner well inside a cloudy pixel.
+        let middle = self.0.iter().sum::<DVec2>() / self.0.len() as f64;
+        if image.is_cloudy_at(middle) || self.0.iter().any(|corner| image.is_cloudy_at(*corner)) {
+            return true;
+        }
         let sides = self.sides();
         rows.flat_map(|row| cols.clone().map(move |col| (row, col)))
             .any(|(row, col)| image.cloudy[[row, col]] && overlaps(&sides, row, col))
@@ -154,19 +171,20 @@ impl Footprint {
 
     /// The normals of the projected edges of the voxel: all sides of the footprint are
     /// among these edges.
-    fn sides(&self) -> Vec<Side> {
-        let side = |&(from, to): &(usize, usize)| {
+    fn sides(&self) -> [Side; EDGES.len()] {
+        EDGES.map(|(from, to)| {
             let normal = (self.0[to] - self.0[from]).perp();
-            // An edge along the line of sight is a point in the image.
-            (normal.length() > TOUCH).then(|| {
-                let normal = normal.normalize();
-                let along = self.0.map(|corner| corner.dot(normal));
-                let low = along.iter().copied().fold(f64::INFINITY, f64::min);
-                let high = along.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-                Side { normal, low, high }
-            })
-        };
-        EDGES.iter().filter_map(side).collect()
+            let length = normal.length();
+            // An edge along the line of sight is a point in the image, and parts nothing.
+            if length <= TOUCH {
+                return Side { normal, low: f64::NEG_INFINITY, high: f64::INFINITY };
+            }
+            let normal = normal / length;
+            let along = self.0.map(|corner| corner.dot(normal));
+            let low = along.iter().copied().fold(f64::INFINITY, f64::min);
+            let high = along.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+            Side { normal, low, high }
+        })
     }
 }
 

@@ -6,6 +6,7 @@
 //! over droplet sizes is fast because all spheres share one grid of angles.
 
 use num_complex::Complex64;
+use pulp::{Arch, Simd, WithSimd};
 
 /// The coefficients of a sphere's scattered wave.
 #[derive(Debug, Clone, PartialEq)]
@@ -83,30 +84,26 @@ impl Sphere {
     }
 
     /// The intensity `(|S1|^2 + |S2|^2) / 2` of unpolarised light scattered to angles of
-    /// the given cosines (Bohren and Huffman 1983, equations 4.74 and 4.77): over
-    /// `pi x^2 Q_sca` it is the phase function.
-    pub fn intensities(&self, cosines: &[f64]) -> Vec<f64> {
-        // By the sums and differences of a and b, and of the angular functions pi and
-        // tau, S1 + S2 and S1 - S2 are one series each.
-        let series = self.coefficients.iter().enumerate().map(|(number, [a, b])| {
+    /// the given cosines, and to those of the opposite cosines (Bohren and Huffman 1983,
+    /// equations 4.74 and 4.77): over `pi x^2 Q_sca` it is the phase function.
+    pub fn intensities(&self, cosines: &[f64]) -> [Vec<f64>; 2] {
+        let terms = self.coefficients.iter().enumerate().map(|(number, [a, b])| {
             let n = (number + 1) as f64;
             let weight = (2.0 * n + 1.0) / (n * (n + 1.0));
-            (n, weight * (a + b), weight * (a - b))
+            Term::new(n, weight * (a + b), weight * (a - b))
         });
-        let series: Vec<_> = series.collect();
-        let mut intensities = vec![0.0; cosines.len()];
-        for (cosines, intensities) in cosines.chunks(BLOCK).zip(intensities.chunks_mut(BLOCK)) {
-            let mut block = Block::default();
-            block.cosines[..cosines.len()].copy_from_slice(cosines);
-            for (n, sum, difference) in &series {
-                block.add(*n, *sum, *difference);
-            }
-            for (intensity, values) in intensities.iter_mut().zip(block.intensities()) {
-                *intensity = values;
-            }
-        }
-        intensities
+        Arch::new().dispatch(Series { terms: terms.collect(), cosines })
     }
+}
+
+/// Cross-sections of extinction and scattering over the geometric one, of spheres of
+/// [`LANES`] size parameters at once. They must be alike: the series of all has the length
+/// that the largest one needs, which is beyond what smaller spheres' terms can be computed to.
+pub(super) fn efficiencies_of(
+    size_parameters: [f64; LANES],
+    refractive_index: Complex64,
+) -> [[f64; 2]; LANES] {
+    Arch::new().dispatch(Batch { size_parameters, refractive_index })
 }
 
 /// Number of terms of the series: Wiscombe (1980), equation 9.
@@ -121,55 +118,171 @@ fn terms(x: f64) -> usize {
     terms.ceil() as usize
 }
 
-/// Angles that are summed together: their sums stay in the cache.
-const BLOCK: usize = 64;
+/// Spheres of a [`Batch`].
+pub(super) const LANES: usize = 8;
 
-/// The series of [`Sphere::intensities`] at some angles, term by term.
-struct Block {
-    cosines: [f64; BLOCK],
-    /// The angular function pi of this term and the one before.
-    pi: [f64; BLOCK],
-    pi_before: [f64; BLOCK],
-    /// Real and imaginary parts of S1 + S2 and of S1 - S2.
-    sum: [[f64; BLOCK]; 2],
-    difference: [[f64; BLOCK]; 2],
+/// A value for each sphere of a batch.
+type Values = [f64; LANES];
+
+/// The spheres of [`efficiencies_of`]. [`Sphere::new`] in loops over spheres, which the
+/// compiler makes vectors of: their recurrences are long chains of divisions, each of which
+/// would wait for the one before.
+struct Batch {
+    size_parameters: Values,
+    refractive_index: Complex64,
 }
 
-impl Default for Block {
-    fn default() -> Self {
+impl WithSimd for Batch {
+    type Output = [[f64; 2]; LANES];
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> Self::Output {
+        let x = self.size_parameters;
+        let m = self.refractive_index;
+        let largest = x.iter().fold(0.0_f64, |most, x| most.max(*x));
+        let terms = terms(largest);
+        let size = m.norm() * largest;
+        let start = terms.max((size + 8.0 * size.cbrt()) as usize) + 16;
+        // n / z = n w, of which w = 1 / (m x).
+        let inverse = m.inv();
+        let w: [Values; 2] = [x.map(|x| inverse.re / x), x.map(|x| inverse.im / x)];
+        let mut derivatives = vec![[[0.0; LANES]; 2]; terms + 1];
+        let mut derivative = [[0.0; LANES]; 2];
+        for n in (1..=start).rev() {
+            if n <= terms {
+                derivatives[n] = derivative;
+            }
+            let n = n as f64;
+            for i in 0..LANES {
+                let ratio = [n * w[0][i], n * w[1][i]];
+                let sum = [derivative[0][i] + ratio[0], derivative[1][i] + ratio[1]];
+                let square = 1.0 / (sum[0] * sum[0] + sum[1] * sum[1]);
+                derivative[0][i] = ratio[0] - sum[0] * square;
+                derivative[1][i] = ratio[1] + sum[1] * square;
+            }
+        }
+        let (mut psi_before, mut chi_before) = (x.map(f64::sin), x.map(f64::cos));
+        let (mut psi, mut chi) = ([0.0; LANES], [0.0; LANES]);
+        for i in 0..LANES {
+            psi[i] = psi_before[i] / x[i] - chi_before[i];
+            chi[i] = chi_before[i] / x[i] + psi_before[i];
+        }
+        let (mut extinction, mut scattering) = ([0.0; LANES], [0.0; LANES]);
+        for (n, derivative) in derivatives.iter().enumerate().skip(1) {
+            let n = n as f64;
+            let weight = 2.0 * n + 1.0;
+            for i in 0..LANES {
+                let over = 1.0 / x[i];
+                let [re, im] = [derivative[0][i], derivative[1][i]];
+                // Logarithmic derivatives over and times the index, for a and for b.
+                let electric = [
+                    re * inverse.re - im * inverse.im + n * over,
+                    re * inverse.im + im * inverse.re,
+                ];
+                let magnetic = [re * m.re - im * m.im + n * over, re * m.im + im * m.re];
+                for [real, imaginary] in [electric, magnetic] {
+                    // (f psi - psi') / (f xi - xi') with xi = psi - i chi.
+                    let upper = [real * psi[i] - psi_before[i], imaginary * psi[i]];
+                    let other = [real * chi[i] - chi_before[i], imaginary * chi[i]];
+                    let lower = [upper[0] + other[1], upper[1] - other[0]];
+                    let square = 1.0 / (lower[0] * lower[0] + lower[1] * lower[1]);
+                    extinction[i] += weight * (upper[0] * lower[0] + upper[1] * lower[1]) * square;
+                    scattering[i] += weight * (upper[0] * upper[0] + upper[1] * upper[1]) * square;
+                }
+                let next = weight * over;
+                (psi_before[i], psi[i]) = (psi[i], next * psi[i] - psi_before[i]);
+                (chi_before[i], chi[i]) = (chi[i], next * chi[i] - chi_before[i]);
+            }
+        }
+        std::array::from_fn(|i| {
+            let scale = 2.0 / (x[i] * x[i]);
+            [scale * extinction[i], scale * scattering[i]]
+        })
+    }
+}
+
+/// A term of the series of S1 + S2 and S1 - S2, of which the one is the other at the opposite
+/// cosine but for signs: the angular functions pi and tau are even or odd.
+struct Term {
+    /// n; (2 n + 1) / n and (n + 1) / n, by which pi goes on.
+    n: f64,
+    up: f64,
+    down: f64,
+    /// What multiplies pi + tau: real and imaginary part at the cosine, at its opposite.
+    plus: [f64; 4],
+    /// What multiplies pi - tau.
+    minus: [f64; 4],
+}
+
+impl Term {
+    fn new(n: f64, sum: Complex64, difference: Complex64) -> Self {
+        let sign = if n % 2.0 == 1.0 { 1.0 } else { -1.0 };
         Self {
-            cosines: [0.0; BLOCK],
-            pi: [1.0; BLOCK],
-            pi_before: [0.0; BLOCK],
-            sum: [[0.0; BLOCK]; 2],
-            difference: [[0.0; BLOCK]; 2],
+            n,
+            up: (2.0 * n + 1.0) / n,
+            down: (n + 1.0) / n,
+            plus: [sum.re, sum.im, sign * difference.re, sign * difference.im],
+            minus: [difference.re, difference.im, sign * sum.re, sign * sum.im],
         }
     }
 }
 
-impl Block {
-    /// Add term `n` and step the angular functions: Bohren and Huffman (1983),
-    /// equation 4.47.
-    #[inline]
-    fn add(&mut self, n: f64, sum: Complex64, difference: Complex64) {
-        let (up, down) = ((2.0 * n + 1.0) / n, (n + 1.0) / n);
-        for i in 0..BLOCK {
-            let (pi, along) = (self.pi[i], self.cosines[i] * self.pi[i]);
-            let tau = n * along - (n + 1.0) * self.pi_before[i];
-            self.pi[i] = up * along - down * self.pi_before[i];
-            self.pi_before[i] = pi;
-            let (plus, minus) = (pi + tau, pi - tau);
-            self.sum[0][i] += sum.re * plus;
-            self.sum[1][i] += sum.im * plus;
-            self.difference[0][i] += difference.re * minus;
-            self.difference[1][i] += difference.im * minus;
-        }
-    }
+/// The series of [`Sphere::intensities`].
+struct Series<'a> {
+    terms: Vec<Term>,
+    cosines: &'a [f64],
+}
 
-    fn intensities(&self) -> impl Iterator<Item = f64> + '_ {
-        let square =
-            |parts: &[[f64; BLOCK]; 2], i: usize| parts[0][i].powi(2) + parts[1][i].powi(2);
-        (0..BLOCK).map(move |i| 0.25 * (square(&self.sum, i) + square(&self.difference, i)))
+impl WithSimd for Series<'_> {
+    type Output = [Vec<f64>; 2];
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) -> Self::Output {
+        let lanes = S::F64_LANES;
+        let count = self.cosines.len();
+        let mut cosines = self.cosines.to_vec();
+        cosines.resize(count.next_multiple_of(lanes), 0.0);
+        let mut intensities = [(); 2].map(|()| vec![0.0; cosines.len()]);
+        let zero = simd.splat_f64s(0.0);
+        let (vectors, _) = S::as_simd_f64s(&cosines);
+        let [at, opposite] = &mut intensities;
+        let (at, _) = S::as_mut_simd_f64s(at);
+        let (opposite, _) = S::as_mut_simd_f64s(opposite);
+        for ((cosine, at), opposite) in vectors.iter().zip(at).zip(opposite) {
+            let (mut pi, mut pi_before) = (simd.splat_f64s(1.0), zero);
+            // S1 + S2, its part with pi - tau at the opposite cosine, and so on.
+            let (mut plus, mut minus) = ([zero; 4], [zero; 4]);
+            for term in &self.terms {
+                // Bohren and Huffman (1983), equation 4.47; tau over n.
+                let before = simd.mul_f64s(simd.splat_f64s(term.down), pi_before);
+                let tau = simd.mul_add_e_f64s(*cosine, pi, simd.neg_f64s(before));
+                let sum = simd.mul_add_e_f64s(simd.splat_f64s(term.n), tau, pi);
+                let difference = simd.mul_add_e_f64s(simd.splat_f64s(-term.n), tau, pi);
+                let step = simd.mul_f64s(simd.splat_f64s(term.up), *cosine);
+                pi_before = pi;
+                pi = simd.mul_add_e_f64s(step, pi, simd.neg_f64s(before));
+                for part in 0..4 {
+                    plus[part] =
+                        simd.mul_add_e_f64s(simd.splat_f64s(term.plus[part]), sum, plus[part]);
+                    minus[part] = simd.mul_add_e_f64s(
+                        simd.splat_f64s(term.minus[part]),
+                        difference,
+                        minus[part],
+                    );
+                }
+            }
+            let intensity = |first: usize| {
+                let parts = [plus[first], plus[first + 1], minus[first], minus[first + 1]];
+                let square =
+                    parts.into_iter().fold(zero, |sum, part| simd.mul_add_e_f64s(part, part, sum));
+                simd.mul_f64s(simd.splat_f64s(0.25), square)
+            };
+            (*at, *opposite) = (intensity(0), intensity(2));
+        }
+        intensities.map(|mut values| {
+            values.truncate(count);
+            values
+        })
     }
 }
 
@@ -223,7 +336,7 @@ mod tests {
         ];
         let cosines = [0.0, 30.0, 90.0, 142.0, 180.0_f64].map(|angle| angle.to_radians().cos());
         let area = PI * 93.5_f64.powi(2) * found.extinction;
-        for (intensity, s) in sphere.intensities(&cosines).into_iter().zip(amplitudes) {
+        for (intensity, s) in sphere.intensities(&cosines)[0].iter().zip(amplitudes) {
             let expected = 0.5 * s.iter().map(|part| part * part).sum::<f64>();
             assert!(close(intensity / area, expected, 1e-6), "{intensity}, not {expected}");
         }
@@ -238,7 +351,7 @@ mod tests {
         let width = PI / f64::from(count);
         let angles: Vec<f64> = (0..count).map(|i| width * (f64::from(i) + 0.5)).collect();
         let cosines: Vec<f64> = angles.iter().map(|angle| angle.cos()).collect();
-        let intensities = sphere.intensities(&cosines);
+        let intensities = &sphere.intensities(&cosines)[0];
         let parts = intensities.iter().zip(&angles).map(|(v, t)| 2.0 * PI * width * v * t.sin());
         let total: f64 = parts.clone().sum();
         let forward: f64 = parts.zip(&cosines).map(|(part, cosine)| part * cosine).sum();
@@ -246,5 +359,29 @@ mod tests {
         assert!(close(total, PI * 25.0_f64.powi(2) * found.scattering, 1e-7));
         assert!(close(forward / total, found.asymmetry, 1e-7));
         assert!(found.scattering < found.extinction);
+    }
+
+    /// A batch against one sphere after another, the light at opposite cosines against that at
+    /// the cosines themselves.
+    #[test]
+    fn many_spheres_are_each_one() {
+        let index = Complex64::new(1.331, 1e-4);
+        for x in [0.02, 0.5, 3.0, 9.9, 40.0, 93.5, 700.0] {
+            let sizes = std::array::from_fn(|i| x * (1.0 + 1e-3 * i as f64));
+            for (x, [extinction, scattering]) in
+                sizes.into_iter().zip(efficiencies_of(sizes, index))
+            {
+                let expected = Sphere::new(x, index).efficiencies();
+                assert!(close(extinction, expected.extinction, 1e-9), "{x}: {extinction}");
+                assert!(close(scattering, expected.scattering, 1e-9), "{x}: {scattering}");
+            }
+        }
+        let cosines = [0.0, 0.1, 0.5, 0.77, 0.999, 1.0];
+        let [at, opposite] = Sphere::new(93.5, index).intensities(&cosines);
+        let [mirrored, _] = Sphere::new(93.5, index).intensities(&cosines.map(|c| -c));
+        assert!(at.len() == cosines.len() && close(at[0], opposite[0], 1e-12));
+        for (found, expected) in opposite.iter().zip(mirrored) {
+            assert!(close(*found, expected, 1e-9), "{found}, not {expected}");
+        }
     }
 }

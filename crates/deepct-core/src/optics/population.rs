@@ -1,6 +1,6 @@
 //! The optics of populations of droplets: Mie scattering, averaged over their sizes.
 
-use super::mie::Sphere;
+use super::mie::{self, Sphere};
 use super::water::water_refractive_index;
 use super::{DropletOptics, DropletTable, PhaseFunction};
 use crate::error::{Error, Result};
@@ -52,7 +52,7 @@ const RELATIVE_STEP: f64 = 0.001;
 const LARGEST_STEP: f64 = 0.3;
 /// Cross-sections are averaged over this many sizes in each step: they have resonances
 /// far narrower than it.
-const SIZES_IN_STEP: usize = 8;
+const SIZES_IN_STEP: usize = mie::LANES;
 /// Droplets that add less than this to the forward peak, relative to those that add
 /// most, are left out.
 const NEGLIGIBLE: f64 = 1e-6;
@@ -164,20 +164,28 @@ impl Spheres {
             x += step;
         }
         let cosines = cosines();
+        // The cosines are each other's opposites: those from 0 on serve all.
+        let forward = &cosines[cosines.len() / 2..];
         let scattered: Vec<_> = radii
             .par_iter()
             .rev()
             .map(|[radius, width]| {
-                let mut intensities = Sphere::new(wavenumber * radius, index).intensities(&cosines);
-                intensities.iter_mut().for_each(|value| *value /= wavenumber * wavenumber);
-                let mut sections = [0.0; 2];
-                for part in 0..SIZES_IN_STEP {
+                let [forward, backward] =
+                    Sphere::new(wavenumber * radius, index).intensities(forward);
+                let backward = backward.iter().rev().take(forward.len() - 1);
+                let intensities = backward.chain(&forward);
+                let scale = (wavenumber * wavenumber).recip();
+                let intensities = intensities.map(|value| value * scale).collect();
+                let within: [f64; SIZES_IN_STEP] = std::array::from_fn(|part| {
                     let offset = (part as f64 + 0.5) / SIZES_IN_STEP as f64 - 0.5;
-                    let within = radius + offset * width;
-                    let found = Sphere::new(wavenumber * within, index).efficiencies();
+                    radius + offset * width
+                });
+                let found = mie::efficiencies_of(within.map(|radius| wavenumber * radius), index);
+                let mut sections = [0.0; 2];
+                for (within, efficiencies) in within.iter().zip(found) {
                     let area = PI * within * within / SIZES_IN_STEP as f64;
-                    sections[0] += area * found.extinction;
-                    sections[1] += area * found.scattering;
+                    sections[0] += area * efficiencies[0];
+                    sections[1] += area * efficiencies[1];
                 }
                 (sections, intensities)
             })
