@@ -108,8 +108,8 @@ fn enough(yes: usize, no: usize, agreement: f64) -> bool {
 }
 
 /// Carve a block of voxels, of which `first` is the lowest. A view that sees all of the block and no
-/// cloud there votes against each of its voxels; only what the other views can save is looked at voxel
-/// by voxel.
+/// cloud there votes against each of its voxels, one that sees nothing but cloud there for them; only
+/// the other views look voxel by voxel.
 fn carve_block(
     grid: &Grid,
     first: [usize; 3],
@@ -120,25 +120,24 @@ fn carve_block(
 ) {
     let (nz, ny, nx) = kept.dim();
     let mut open = Vec::with_capacity(looks.len());
-    let mut against = 0;
+    let (mut for_all, mut against_all) = (0, 0);
     for (projector, cloudy) in looks {
         let whole = Footprint::of_block(grid, first, [nz, ny, nx], projector);
-        if whole.is_some_and(|whole| whole.is_clear(cloudy)) {
-            against += 1;
-        } else {
-            open.push((projector, cloudy));
+        match whole.and_then(|whole| whole.vote_of_all(cloudy)) {
+            Some(true) => for_all += 1,
+            Some(false) => against_all += 1,
+            None => open.push((projector, cloudy)),
         }
     }
-    if !enough(open.len(), against, agreement) {
+    if !enough(for_all + open.len(), against_all, agreement) {
         return;
     }
-    room.clear();
-    let corners = |(projector, _): &(&Projector, _)| {
-        CornerPixels::new(grid, first, [nz + 1, ny + 1, nx + 1], projector)
-    };
-    room.extend(open.iter().map(corners));
+    room.resize_with(looks.len(), CornerPixels::default);
+    for ((projector, _), corners) in open.iter().zip(room.iter_mut()) {
+        corners.find(grid, first, [nz + 1, ny + 1, nx + 1], projector);
+    }
     for ((k, j, i), kept) in kept.indexed_iter_mut() {
-        let (mut yes, mut no) = (0, against);
+        let (mut yes, mut no) = (for_all, against_all);
         for (number, ((_, cloudy), corners)) in open.iter().zip(room.iter()).enumerate() {
             match corners.footprint([k, j, i]).and_then(|seen| seen.vote(cloudy)) {
                 Some(true) => yes += 1,

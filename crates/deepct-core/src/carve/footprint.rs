@@ -4,7 +4,7 @@ use crate::grid::Grid;
 use crate::math::DVec3;
 use crate::scene::Projector;
 use glam::DVec2;
-use ndarray::{Array2, Array3};
+use ndarray::Array2;
 use std::ops::Range;
 
 /// Overlaps thinner than this (pixels) are rounding errors.
@@ -27,36 +27,48 @@ const EDGES: [(usize, usize); 12] = [
     (3, 7),
 ];
 
-/// Where the corners of a block of voxels fall in an image: `(row, col)`, `None` behind the camera.
-pub(super) struct CornerPixels(Array3<Option<DVec2>>);
+/// Where the corners of a block of voxels fall in an image: `(row, col)`, not a number behind the
+/// camera.
+#[derive(Default)]
+pub(super) struct CornerPixels {
+    corners: Vec<DVec2>,
+    /// Corners along z, y, x.
+    count: [usize; 3],
+}
 
 impl CornerPixels {
-    /// As many corners along z, y, x, from the lower one of voxel `first` on.
-    pub(super) fn new(
+    /// Those of as many corners along z, y, x, from the lower one of voxel `first` on.
+    pub(super) fn find(
+        &mut self,
         grid: &Grid,
         first: [usize; 3],
         count: [usize; 3],
         projector: &Projector,
-    ) -> Self {
-        Self(Array3::from_shape_fn(count, |(k, j, i)| {
-            corner_pixel(grid, [first[0] + k, first[1] + j, first[2] + i], projector)
-        }))
+    ) {
+        self.count = count;
+        self.corners.resize(count.iter().product(), DVec2::ZERO);
+        let step = DVec3::new(grid.spacing.x, 0.0, 0.0);
+        for (number, row) in self.corners.chunks_exact_mut(count[2]).enumerate() {
+            let (k, j) = (first[0] + number / count[1], first[1] + number % count[1]);
+            projector.project_row(corner(grid, [k, j, first[2]]), step, row);
+        }
     }
 
     /// The footprint of voxel `[k, j, i]` of the block; `None` when a part is behind the camera.
     pub(super) fn footprint(&self, [k, j, i]: [usize; 3]) -> Option<Footprint> {
-        let mut footprint = [DVec2::ZERO; 8];
-        for (number, corner) in footprint.iter_mut().enumerate() {
-            *corner = self.0[[k + (number >> 2), j + (number >> 1 & 1), i + (number & 1)]]?;
-        }
-        Some(Footprint(footprint))
+        let [_, rows, cols] = self.count;
+        let first = (k * rows + j) * cols + i;
+        let footprint = std::array::from_fn(|number| {
+            let [k, j, i] = [number >> 2, number >> 1 & 1, number & 1];
+            self.corners[first + (k * rows + j) * cols + i]
+        });
+        Footprint::new(footprint)
     }
 }
 
-/// The pixel of the lower corner of a voxel.
-fn corner_pixel(grid: &Grid, [k, j, i]: [usize; 3], projector: &Projector) -> Option<DVec2> {
-    let corner = grid.origin + grid.spacing * DVec3::new(i as f64, j as f64, k as f64);
-    projector.project(corner).map(DVec2::from)
+/// The lower corner of a voxel.
+fn corner(grid: &Grid, [k, j, i]: [usize; 3]) -> DVec3 {
+    grid.origin + grid.spacing * DVec3::new(i as f64, j as f64, k as f64)
 }
 
 /// The cloudy pixels of an image.
@@ -121,17 +133,26 @@ impl Footprint {
         projector: &Projector,
     ) -> Option<Self> {
         let mut footprint = [DVec2::ZERO; 8];
-        for (number, corner) in footprint.iter_mut().enumerate() {
+        for (number, pixel) in footprint.iter_mut().enumerate() {
             let at = |axis: usize| first[axis] + (number >> (2 - axis) & 1) * shape[axis];
-            *corner = corner_pixel(grid, [at(0), at(1), at(2)], projector)?;
+            *pixel = projector.project(corner(grid, [at(0), at(1), at(2)])).map(DVec2::from)?;
         }
-        Some(Self(footprint))
+        Self::new(footprint)
     }
 
-    /// Whether the footprint is all inside the frame, and no pixel in its rows and columns cloudy.
-    pub(super) fn is_clear(&self, image: &CloudyPixels) -> bool {
+    /// `None` when a corner is behind the camera: not a number.
+    fn new(corners: [DVec2; 8]) -> Option<Self> {
+        let sum: DVec2 = corners.iter().sum();
+        (!sum.is_nan()).then_some(Self(corners))
+    }
+
+    /// What every voxel of a block with this footprint gets as its vote, where that is known: no
+    /// pixel in its rows and columns cloudy, or all of them, and the footprint all inside the frame.
+    pub(super) fn vote_of_all(&self, image: &CloudyPixels) -> Option<bool> {
         let (inside, [rows, cols]) = self.frame(image);
-        inside && image.count(&rows, &cols) == 0
+        let count = image.count(&rows, &cols) as usize;
+        let clear = count == 0;
+        (inside && (clear || count == rows.len() * cols.len())).then_some(!clear)
     }
 
     /// Whether the footprint is all inside the frame, and its rows and columns.
@@ -267,7 +288,8 @@ mod tests {
         let grid = Grid::new(DVec3::new(0.0, 0.0, 0.5), DVec3::new(0.05, 0.06, 0.04), [14, 13, 16])
             .unwrap();
         for view in Formation::pearls_32().views(grid.center(), [26, 26]).unwrap() {
-            let corners = CornerPixels::new(&grid, [0; 3], [15, 14, 17], &view.projector());
+            let mut corners = CornerPixels::default();
+            corners.find(&grid, [0; 3], [15, 14, 17], &view.projector());
             for k in [0, 9] {
                 for (j, i) in [(0, 0), (4, 11), (8, 3), (12, 15)] {
                     let footprint = corners.footprint([k, j, i]).unwrap();

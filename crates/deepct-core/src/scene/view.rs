@@ -2,6 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::math::{DVec3, Ray, zenith_and_azimuth};
+use glam::DVec2;
 
 /// How a camera maps points to pixels.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -164,41 +165,68 @@ impl View {
 
     /// The projection of many points.
     pub(crate) fn projector(&self) -> Projector {
-        let (col_axis, row_axis) = self.axes();
-        Projector { view: *self, towards: self.towards(), col_axis, row_axis }
+        let middle = 0.5 * DVec2::new(self.rows as f64, self.cols as f64);
+        match self.projection {
+            Projection::Perspective { position, pixel_tangent } => {
+                let (col_axis, row_axis) = self.axes();
+                let towards = self.towards();
+                Projector {
+                    origin: position,
+                    axes: [row_axis / pixel_tangent, col_axis / pixel_tangent, -towards],
+                    depth: 0.0,
+                    middle,
+                }
+            }
+            Projection::Orthographic { towards, pixel_km } => {
+                // The foot of a point in the plane, along the line of sight.
+                let axis =
+                    |along: DVec3| (along - along.dot(towards) / towards.z * DVec3::Z) / pixel_km;
+                Projector {
+                    origin: self.target,
+                    axes: [axis(DVec3::Y), axis(DVec3::X), DVec3::ZERO],
+                    depth: 1.0,
+                    middle,
+                }
+            }
+        }
     }
 }
 
-/// A view that is ready to project many points.
+/// A view that is ready to project many points: linear in homogeneous coordinates.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Projector {
-    view: View,
-    towards: DVec3,
-    col_axis: DVec3,
-    row_axis: DVec3,
+    origin: DVec3,
+    /// What a step from the origin adds to row, column and depth, the first two times the depth.
+    axes: [DVec3; 3],
+    /// The depth of the origin.
+    depth: f64,
+    /// Row and column of the middle of the image.
+    middle: DVec2,
 }
 
 impl Projector {
     /// As [`View::project`].
     #[inline]
     pub(crate) fn project(&self, point: DVec3) -> Option<(f64, f64)> {
-        let (row, col) = match self.view.projection {
-            Projection::Perspective { position, pixel_tangent } => {
-                let offset = point - position;
-                let depth = -offset.dot(self.towards);
-                if depth <= 0.0 {
-                    return None;
-                }
-                let scale = 1.0 / (depth * pixel_tangent);
-                (offset.dot(self.row_axis) * scale, offset.dot(self.col_axis) * scale)
-            }
-            Projection::Orthographic { towards, pixel_km } => {
-                let offset = point - self.view.target;
-                let foot = offset - offset.z / towards.z * towards;
-                (foot.y / pixel_km, foot.x / pixel_km)
-            }
-        };
-        Some((row + 0.5 * self.view.rows as f64, col + 0.5 * self.view.cols as f64))
+        let offset = point - self.origin;
+        let [row, col, depth] = self.axes.map(|axis| axis.dot(offset));
+        let depth = self.depth + depth;
+        let place = DVec2::new(row, col) / depth + self.middle;
+        (depth > 0.0).then_some((place.x, place.y))
+    }
+
+    /// The pixels of points in a row, from `first` on and `step` apart: `(row, col)`, not a number
+    /// behind the camera.
+    #[inline]
+    pub(crate) fn project_row(&self, first: DVec3, step: DVec3, pixels: &mut [DVec2]) {
+        let first = self.axes.map(|axis| axis.dot(first - self.origin));
+        let step = self.axes.map(|axis| axis.dot(step));
+        for (number, pixel) in pixels.iter_mut().enumerate() {
+            let at = |part: usize| first[part] + number as f64 * step[part];
+            let depth = self.depth + at(2);
+            let scale = if depth > 0.0 { depth.recip() } else { f64::NAN };
+            *pixel = DVec2::new(at(0), at(1)) * scale + self.middle;
+        }
     }
 }
 
@@ -242,6 +270,10 @@ mod tests {
                     for distance in [690.0, 703.0] {
                         let (r, c) = view.project(ray.at(distance)).unwrap();
                         assert!((r - row).abs() < 1e-6 && (c - col).abs() < 1e-6);
+                        let step = DVec3::new(0.02, 0.0, 0.01);
+                        let mut row = [DVec2::ZERO; 3];
+                        view.projector().project_row(ray.at(distance) - step, step, &mut row);
+                        assert!((row[1] - DVec2::new(r, c)).length() < 1e-8);
                     }
                 }
             }
