@@ -7,7 +7,7 @@ use crate::network::{Estimate, Network};
 use crate::scene::{Observation, target};
 
 /// Steps of the quick hybrid.
-pub const QUICK_ITERATIONS: usize = 10;
+pub const QUICK_ITERATIONS: usize = 12;
 
 /// The grid of the network's answer to the images of an observation.
 ///

@@ -71,7 +71,7 @@ impl Default for InversionSettings {
             coarse_iterations: 15,
             memory: 10,
             variable: Variable::Logarithmic,
-            softness: 10.0,
+            softness: 30.0,
             greatest: 1000.0,
             probes: 2,
             scale_start: true,
@@ -79,9 +79,9 @@ impl Default for InversionSettings {
             model_error: 0.005,
             least_error: 0.002,
             coarse_error: 0.03,
-            typical_gradient: 300.0,
-            start_error: 1.0,
-            misfit: 1.0,
+            typical_gradient: 1200.0,
+            start_error: 2.0,
+            misfit: 0.0,
             change: 1e-3,
         }
     }
