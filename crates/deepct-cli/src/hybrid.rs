@@ -3,7 +3,7 @@
 use crate::global::Global;
 use crate::inversion::{DEFAULTS, Flags, InvertSettings, Job};
 use crate::{Outcome, config};
-use deepct_core::inversion::{QUICK_ITERATIONS, network_start};
+use deepct_core::inversion::network_start;
 use deepct_core::io::{load_weights, read_observation};
 use deepct_core::network::Network;
 use deepct_core::{Error, Result};
@@ -32,7 +32,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let mut settings: InvertSettings = args.settings.resolve(DEFAULTS)?;
     settings.inversion.check()?;
     if args.quick {
-        settings.inversion.iterations = QUICK_ITERATIONS;
+        settings.inversion = settings.inversion.quick();
     }
     let network = Network::new(&load_weights(&args.weights)?)?;
     let observation = read_observation(&args.images)?;

@@ -66,7 +66,7 @@ pub(crate) struct InvertSettings {
 #[serde(deny_unknown_fields)]
 pub(crate) struct SolverSettings {
     zenith_angles: usize,
-    coarse_zenith_angles: usize,
+    step_zenith_angles: usize,
     tolerance: f64,
     rays_per_pixel: usize,
     cell_depth: f64,
@@ -192,7 +192,7 @@ impl Job<'_> {
         let solver = &self.settings.solver;
         let views = self.observation.views.clone();
         let mut models = OrdinatesModels::new(scene, views, solver.ordinates());
-        models.coarse_settings.zenith_angles = solver.coarse_zenith_angles;
+        models.settings.zenith_angles = solver.step_zenith_angles;
         Ok(if self.quick { models.quick() } else { models })
     }
 

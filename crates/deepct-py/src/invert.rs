@@ -11,7 +11,7 @@ use deepct_core::carve::{CarveSettings, carve};
 use deepct_core::grid::{Mask, Volume};
 use deepct_core::image::ViewStack;
 use deepct_core::inversion::{
-    self, InversionSettings, OrdinatesModels, Problem, QUICK_ITERATIONS, Start, network_grid,
+    self, InversionSettings, OrdinatesModels, Problem, Start, network_grid,
 };
 use deepct_core::network::Estimate;
 use deepct_core::optics::air::Air;
@@ -282,7 +282,7 @@ pub(crate) fn hybrid(
         settings: keywords(py, settings)?,
     };
     if quick {
-        request.settings.iterations = QUICK_ITERATIONS;
+        request.settings = request.settings.quick();
     }
     let network = network.inner();
     let solved = py.detach(|| {

@@ -200,7 +200,7 @@ impl Bench<'_> {
             Method::Hybrid => hybrid(&problem, &self.network, &mut models, settings, watch),
             Method::QuickHybrid => {
                 let iterations = self.settings.quick_iterations;
-                let quick = InversionSettings { iterations, ..settings.clone() };
+                let quick = InversionSettings { iterations, ..settings.clone().quick() };
                 hybrid(&problem, &self.network, &mut models.quick(), &quick, watch)
             }
         };

@@ -6,9 +6,9 @@ use super::optimiser::{Pair, Point};
 /// Where an inversion stands after a step.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Checkpoint {
-    /// Side of the blocks of voxels that are being solved for; 1 on the grid itself.
-    pub block: usize,
-    /// Steps taken on that grid.
+    /// Number of the stage, from 0: grid after grid, then correction after correction.
+    pub stage: usize,
+    /// Steps taken in that stage.
     pub iteration: usize,
     /// The point where the second derivatives were looked for.
     pub probed_at: Vec<f64>,

@@ -76,6 +76,12 @@ pub struct Domain<'a> {
 
 /// Models of the same images on any grid.
 pub trait Models {
+    /// Whether models near the answer are more accurate than others, and most so at the extinction
+    /// that they are made for.
+    fn are_corrected(&self) -> bool {
+        false
+    }
+
     /// The model for a domain.
     ///
     /// # Errors
@@ -115,9 +121,11 @@ impl From<Estimate> for Start {
 /// One step of an inversion.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Record {
+    /// Number of the stage, from 0: grid after grid, then correction after correction.
+    pub stage: usize,
     /// Side of the blocks of voxels that were solved for; 1 on the grid itself.
     pub block: usize,
-    /// Number of the step on that grid; 0 is its start.
+    /// Number of the step in that stage; 0 is its start.
     pub iteration: usize,
     /// Time since the beginning (s).
     pub seconds: f64,
@@ -125,7 +133,7 @@ pub struct Record {
     pub misfit: f64,
     /// What is minimised.
     pub value: f64,
-    /// Times that images were computed on that grid.
+    /// Times that images were computed in that stage.
     pub evaluations: usize,
     /// Relative error epsilon, where the truth is known.
     pub relative_error: Option<f64>,

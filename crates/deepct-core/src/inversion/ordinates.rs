@@ -14,56 +14,54 @@ pub const QUICK_TOLERANCE: f64 = 1e-2;
 
 /// Rays of a pixel in those steps.
 const QUICK_RAYS: usize = 3;
-/// Tolerance and rays of a pixel of all other steps.
-const STEP_TOLERANCE: f64 = 3e-3;
+/// Least tolerance of all other steps: with 3e-3 they end where images and derivatives contradict each
+/// other.
+const STEP_TOLERANCE: f64 = 1e-3;
+/// Rays of a pixel in all other steps.
 const STEP_RAYS: usize = 5;
 
 /// The least extinction that voxels of a mask are prepared for (1/km): steps may fill empty ones.
 const LEAST_PREPARED: f32 = 20.0;
 
-/// The deterministic solver on any grid.
+/// The deterministic solver on any grid: steps are taken by a cheap one, whose images an accurate one
+/// corrects.
+///
+/// On the grid of the answer and near it, the images of the accurate solver at the extinction that a
+/// stage begins with, minus those of the cheap one, are added to all later images: a step costs what the
+/// cheap solver does, and stage after stage ends closer to the accurate one's answer (defect correction:
+/// Stetter 1978).
 #[derive(Debug, Clone)]
 pub struct OrdinatesModels {
     /// The scene whose medium tells the scattering; its extinction does not matter.
     pub scene: Scene,
     /// The views of the observation.
     pub views: Vec<View>,
-    /// Settings on the grid of the answer, for steps from an estimate of it.
+    /// Settings of the solver that takes the steps, on all grids.
     pub settings: OrdinatesSettings,
-    /// Settings on coarser grids, where voxels are not split.
-    pub coarse_settings: OrdinatesSettings,
-    /// Settings of a more accurate solver, if any. Its images of the estimate, minus those by
-    /// `settings`, are added to all later ones: a step then costs what the cheap solver does, and near
-    /// the estimate its error is that of the accurate one (defect correction: Stetter 1978). From any
-    /// other start the accurate solver takes all steps.
+    /// Settings of the solver that corrects it, if any.
     pub accurate_settings: Option<OrdinatesSettings>,
 }
 
 impl OrdinatesModels {
-    /// Steps by larger cells, fewer rays and a tolerance of a few thousandths, corrected at the start
-    /// by the solver of the given settings; half of its ordinates on coarser grids.
+    /// Corrected by the solver of the given settings; steps by half of its ordinates, fewer rays, and
+    /// voxels that are not split.
     pub fn new(scene: Scene, views: Vec<View>, settings: OrdinatesSettings) -> Self {
-        let coarse_settings = OrdinatesSettings {
+        let steps = OrdinatesSettings {
             zenith_angles: (settings.zenith_angles / 8 * 4).max(4),
             most_parts: 1,
-            ..settings
-        };
-        let steps = OrdinatesSettings {
-            cell_depth: 2.0 * settings.cell_depth,
             rays_per_pixel: settings.rays_per_pixel.min(STEP_RAYS),
             tolerance: settings.tolerance.max(STEP_TOLERANCE),
             ..settings
         };
-        Self { scene, views, settings: steps, coarse_settings, accurate_settings: Some(settings) }
+        Self { scene, views, settings: steps, accurate_settings: Some(settings) }
     }
 
-    /// Steps by the ordinates of the coarser grids with [`QUICK_TOLERANCE`], corrected at the start by
-    /// the same solver as before.
+    /// Steps with [`QUICK_TOLERANCE`] and fewer rays, corrected by the same solver as before.
     pub fn quick(self) -> Self {
         let settings = OrdinatesSettings {
             tolerance: QUICK_TOLERANCE,
             rays_per_pixel: QUICK_RAYS,
-            ..self.coarse_settings
+            ..self.settings
         };
         Self { settings, ..self }
     }
@@ -89,6 +87,10 @@ impl OrdinatesModels {
 }
 
 impl Models for OrdinatesModels {
+    fn are_corrected(&self) -> bool {
+        self.accurate_settings.is_some()
+    }
+
     fn model(&mut self, domain: &Domain) -> Result<Box<dyn ForwardModel + '_>> {
         let Domain { mask, expected, near, pixels } = *domain;
         let fine = mask.grid.shape == self.scene.medium.extinction.grid.shape;
@@ -105,17 +107,11 @@ impl Models for OrdinatesModels {
             model.look_at(pixels)?;
             Ok::<_, Error>(model)
         };
-        if !fine {
-            return Ok(Box::new(make(&self.coarse_settings)?));
-        }
-        let Some(accurate) = &self.accurate_settings else {
-            return Ok(Box::new(make(&self.settings)?));
-        };
-        if !near {
-            return Ok(Box::new(make(accurate)?));
-        }
         let cheap = make(&self.settings)?;
-        Ok(Box::new(Corrected { cheap, accurate: Some(make(accurate)?), defect: None }))
+        let Some(accurate) = self.accurate_settings.filter(|_| fine && near) else {
+            return Ok(Box::new(cheap));
+        };
+        Ok(Box::new(Corrected { cheap, accurate: Some(make(&accurate)?), defect: None }))
     }
 }
 

@@ -1,4 +1,4 @@
-//! The way from a start to an answer: grid by grid, step by step.
+//! The way from a start to an answer: stage by stage, step by step.
 
 use super::blocks::{coarsen, means, refine, shares};
 use super::objective::Objective;
@@ -36,11 +36,11 @@ pub fn invert(
     settings: &InversionSettings,
     watch: &dyn Watch,
 ) -> Result<Reconstruction> {
-    let mut run = Run::new(problem, start, settings, watch)?;
+    let mut run = Run::new(problem, models, start, settings, watch)?;
     let (mut extinction, search) = run.first(start)?;
     let mut ending = Ending::Iterations;
-    for (number, block) in run.blocks(start).into_iter().enumerate() {
-        let level = run.level(block)?;
+    for number in 0..run.stages.len() {
+        let level = run.level(number)?;
         let from = Beginning::Volume(&extinction, number == 0 && search);
         (extinction, ending) = run.solve(&level, models, from)?;
         if ending == Ending::Interrupted {
@@ -61,27 +61,45 @@ pub fn resume(
     settings: &InversionSettings,
     watch: &dyn Watch,
 ) -> Result<Reconstruction> {
-    let mut run = Run::new(problem, start, settings, watch)?;
+    let mut run = Run::new(problem, models, start, settings, watch)?;
     run.history = checkpoint.history.clone();
     run.seconds = checkpoint.history.last().map_or(0.0, |record| record.seconds);
-    let first = checkpoint.block;
+    let first = checkpoint.stage;
+    if first >= run.stages.len() {
+        return Err(Error::mismatch(
+            "stage of the checkpoint",
+            format!("below {}", run.stages.len()),
+            first,
+            "go on with the settings that the inversion was begun with",
+        ));
+    }
     let level = run.level(first)?;
     let (mut extinction, mut ending) =
         run.solve(&level, models, Beginning::Checkpoint(checkpoint))?;
-    let finer = settings.coarse.iter().copied().chain([1]).skip_while(|block| *block >= first);
-    for block in finer {
+    for number in first + 1..run.stages.len() {
         if ending == Ending::Interrupted {
             break;
         }
-        let level = run.level(block)?;
+        let level = run.level(number)?;
         (extinction, ending) = run.solve(&level, models, Beginning::Volume(&extinction, false))?;
     }
     Ok(Reconstruction { extinction, history: run.history, ending })
 }
 
-/// One grid of an inversion.
-struct Level {
+/// A part of an inversion, after which the model is made anew.
+#[derive(Debug, Clone, Copy)]
+struct Stage {
+    /// Side of the blocks of voxels that are solved for.
     block: usize,
+    /// Whether it begins near the answer.
+    near: bool,
+}
+
+/// A stage and its grid.
+struct Level {
+    number: usize,
+    block: usize,
+    near: bool,
     grid: Grid,
     shares: Array3<f64>,
 }
@@ -112,6 +130,7 @@ struct Run<'a> {
     measurement: Measurement,
     /// What the prior expects: a start that differs from voxel to voxel.
     expected: Option<&'a Estimate>,
+    stages: Vec<Stage>,
     history: Vec<Record>,
     /// Time that was spent before this run.
     seconds: f64,
@@ -121,6 +140,7 @@ struct Run<'a> {
 impl<'a> Run<'a> {
     fn new(
         problem: &Problem<'a>,
+        models: &dyn Models,
         start: &'a Start,
         settings: &'a InversionSettings,
         watch: &'a dyn Watch,
@@ -158,6 +178,7 @@ impl<'a> Run<'a> {
             watch,
             measurement,
             expected,
+            stages: stages(start, models.are_corrected(), settings),
             history,
             seconds: 0.0,
             began,
@@ -187,18 +208,10 @@ impl<'a> Run<'a> {
         told.filter(|_| self.settings.start_error > 0.0)
     }
 
-    /// The sides of the blocks, from coarse to fine.
-    fn blocks(&self, start: &Start) -> Vec<usize> {
-        let coarse = match start {
-            Start::Estimate(_) => &[][..],
-            Start::Constant(_) | Start::Search => &self.settings.coarse,
-        };
-        coarse.iter().copied().chain([1]).collect()
-    }
-
-    fn level(&self, block: usize) -> Result<Level> {
+    fn level(&self, number: usize) -> Result<Level> {
+        let Stage { block, near } = self.stages[number];
         let grid = coarsen(&self.mask.grid, block)?;
-        Ok(Level { block, grid, shares: shares(self.mask, block, grid.shape) })
+        Ok(Level { number, block, near, grid, shares: shares(self.mask, block, grid.shape) })
     }
 
     /// Solve on one grid; gives the extinction of the cloudy parts on the answer's grid.
@@ -208,7 +221,7 @@ impl<'a> Run<'a> {
         models: &mut dyn Models,
         beginning: Beginning,
     ) -> Result<(Volume, Ending)> {
-        let Level { block, grid, shares } = level;
+        let Level { block, near, grid, shares, .. } = level;
         let variables = Variables::new(*grid, shares, self.settings);
         let mut prior = Prior::new(grid, shares, *block, self.settings.typical_gradient);
         if let Some(uncertainty) = self.uncertainty() {
@@ -228,8 +241,7 @@ impl<'a> Run<'a> {
         };
         let expected = variables.extinction(&from)?;
         let (mask, pixels) = (level.mask()?, measurement.counted());
-        let near = self.expected.is_some();
-        let domain = Domain { mask: &mask, expected: &expected, near, pixels: &pixels };
+        let domain = Domain { mask: &mask, expected: &expected, near: *near, pixels: &pixels };
         let model = models.model(&domain)?;
         let mut objective = Objective::new(model, &measurement, variables, prior);
         if let Some(expected) = self.expected {
@@ -245,12 +257,9 @@ impl<'a> Run<'a> {
         if iteration == 0 {
             self.note(level, &objective, &minimiser, 0)?;
         }
-        let most = match block {
-            1 => self.settings.iterations,
-            _ => self.settings.coarse_iterations,
-        };
+        let most = if *near { self.settings.iterations } else { self.settings.coarse_iterations };
         let ending = loop {
-            if let Some(ending) = self.ended(iteration, most, *block) {
+            if let Some(ending) = self.ended(iteration, most, level.number) {
                 break ending;
             }
             if minimiser.step(&mut objective)? == Step::NoDescent {
@@ -299,10 +308,10 @@ impl<'a> Run<'a> {
         Ok((Minimiser::resume(point, pairs, bounds, minimiser_settings(self.settings)), iteration))
     }
 
-    /// Whether the work on a grid is over.
-    fn ended(&self, iteration: usize, most: usize, block: usize) -> Option<Ending> {
+    /// Whether a stage is over.
+    fn ended(&self, iteration: usize, most: usize, stage: usize) -> Option<Ending> {
         let here: Vec<&Record> =
-            self.history.iter().filter(|record| record.block == block).collect();
+            self.history.iter().filter(|record| record.stage == stage).collect();
         let last = here.last()?;
         if self.watch.interrupted() {
             return Some(Ending::Interrupted);
@@ -332,6 +341,7 @@ impl<'a> Run<'a> {
             mass_error = Some(metrics::mass_error(truth, &estimate)?);
         }
         let record = Record {
+            stage: level.number,
             block: level.block,
             iteration,
             seconds: self.seconds + self.began.elapsed().as_secs_f64(),
@@ -344,7 +354,7 @@ impl<'a> Run<'a> {
         self.history.push(record);
         self.watch.reached(&record);
         self.watch.keep(&Checkpoint {
-            block: level.block,
+            stage: level.number,
             iteration,
             probed_at: objective.probed_at().to_vec(),
             point: minimiser.point().clone(),
@@ -370,6 +380,20 @@ impl<'a> Run<'a> {
         self.mask.apply(&mut volume)?;
         Ok(volume)
     }
+}
+
+/// The stages of an inversion: from a start that is the same everywhere, blocks from coarse to fine and
+/// the grid itself, then the corrections. Where models are not corrected, the grid itself once.
+fn stages(start: &Start, corrected: bool, settings: &InversionSettings) -> Vec<Stage> {
+    let near = Stage { block: 1, near: true };
+    let corrections = if corrected { settings.corrections.max(1) } else { 1 };
+    let coarse = match start {
+        Start::Estimate(_) => &[][..],
+        Start::Constant(_) | Start::Search => &settings.coarse,
+    };
+    let first = (corrected && !matches!(start, Start::Estimate(_))).then_some(1);
+    let far = coarse.iter().copied().chain(first).map(|block| Stage { block, near: false });
+    far.chain(std::iter::repeat_n(near, corrections)).collect()
 }
 
 fn minimiser_settings(settings: &InversionSettings) -> MinimiserSettings {

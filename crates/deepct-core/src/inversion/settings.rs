@@ -12,8 +12,12 @@ pub struct InversionSettings {
     /// Sides of the blocks of voxels that are solved for first, such as `[4, 2]`; only
     /// where the start is the same everywhere.
     pub coarse: Vec<usize>,
-    /// The most steps on each of the coarse grids.
+    /// The most steps on each of the coarse grids, and on the grid itself before the first
+    /// correction.
     pub coarse_iterations: usize,
+    /// How often the images of a cheap solver are corrected by those of an accurate one: where the
+    /// steps begin near the answer, and where those after the last correction came to rest.
+    pub corrections: usize,
     /// Steps that the optimiser remembers.
     pub memory: usize,
     /// What the optimiser varies.
@@ -69,6 +73,7 @@ impl Default for InversionSettings {
             iterations: 50,
             coarse: vec![4, 2],
             coarse_iterations: 15,
+            corrections: 3,
             memory: 10,
             variable: Variable::Logarithmic,
             softness: 30.0,
@@ -88,6 +93,11 @@ impl Default for InversionSettings {
 }
 
 impl InversionSettings {
+    /// The same with [`QUICK_ITERATIONS`](super::QUICK_ITERATIONS) and one correction.
+    pub fn quick(self) -> Self {
+        Self { iterations: super::QUICK_ITERATIONS, corrections: 1, ..self }
+    }
+
     /// An error unless the settings can be used.
     ///
     /// # Errors

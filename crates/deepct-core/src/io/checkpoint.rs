@@ -23,7 +23,7 @@ const KEY: &str = "deepct";
 struct Header {
     /// What the inversion is of: one of another problem cannot go on from here.
     identity: String,
-    block: usize,
+    stage: usize,
     iteration: usize,
     value: f64,
     history: Vec<Record>,
@@ -40,10 +40,10 @@ pub fn write_checkpoint(
     identity: &str,
 ) -> Result<()> {
     let path = path.as_ref();
-    let Checkpoint { block, iteration, probed_at, point, pairs, history } = checkpoint;
-    let (block, iteration, value) = (*block, *iteration, point.value);
+    let Checkpoint { stage, iteration, probed_at, point, pairs, history } = checkpoint;
+    let (stage, iteration, value) = (*stage, *iteration, point.value);
     let (identity, history) = (identity.to_owned(), history.clone());
-    let header = Header { identity, block, iteration, value, history };
+    let header = Header { identity, stage, iteration, value, history };
     let header = serde_json::to_string(&header).expect("plain numbers and text");
     let joined = |part: fn(&Pair) -> &[f64]| -> Vec<f64> {
         pairs.iter().flat_map(|pair| part(pair).iter().copied()).collect()
@@ -107,7 +107,7 @@ pub fn read_checkpoint(path: impl AsRef<Path>, identity: &str) -> Result<Checkpo
     let pairs = steps.chunks_exact(count).zip(changes.chunks_exact(count));
     let pairs = pairs.map(|(step, change)| Pair { step: step.into(), change: change.into() });
     Ok(Checkpoint {
-        block: header.block,
+        stage: header.stage,
         iteration: header.iteration,
         probed_at,
         point: Point { x, value: header.value, gradient },
@@ -123,6 +123,7 @@ mod tests {
     fn checkpoint() -> Checkpoint {
         let pair = |from: f64| Pair { step: vec![from, 0.1], change: vec![2.0 * from, -1e-300] };
         let record = Record {
+            stage: 1,
             block: 2,
             iteration: 3,
             seconds: 1.25,
@@ -133,7 +134,7 @@ mod tests {
             mass_error: None,
         };
         Checkpoint {
-            block: 2,
+            stage: 1,
             iteration: 3,
             probed_at: vec![1.0, 0.3],
             point: Point { x: vec![0.7, 1e-17], value: 3.5, gradient: vec![-1.0, 1.0 / 3.0] },
