@@ -180,6 +180,63 @@ fn an_inversion_goes_on_where_it_was_stopped() {
     }
 }
 
+/// A model whose images are a tenth too dark, corrected where it is asked for.
+struct TooDark(Absorption);
+
+impl Models for TooDark {
+    fn are_corrected(&self) -> bool {
+        true
+    }
+
+    fn model(&mut self, domain: &Domain) -> Result<Box<dyn ForwardModel + '_>> {
+        let mut model = self.0.on(domain.mask.grid);
+        let right = model.images(domain.expected)?;
+        let defect = if domain.near { 0.1 * right.values } else { 0.0 * right.values };
+        Ok(Box::new(Dimmed { model, defect }))
+    }
+}
+
+struct Dimmed<'a> {
+    model: OnGrid<'a>,
+    defect: Array3<f32>,
+}
+
+impl ForwardModel for Dimmed<'_> {
+    fn images(&mut self, extinction: &Volume) -> Result<ViewStack> {
+        ViewStack::new(0.9 * self.model.images(extinction)?.values + &self.defect)
+    }
+
+    fn gradient(&mut self, weights: &ViewStack) -> Result<Volume> {
+        self.model.gradient(&ViewStack::new(0.9 * &weights.values)?)
+    }
+}
+
+/// Correction after correction the images of the answer become those of the accurate model, and a
+/// stopped run comes to the same.
+#[test]
+fn corrections_end_at_the_answer_of_the_accurate_model() {
+    let (truth, observation, models) = observe();
+    let mut models = TooDark(models);
+    let mask = mask(&truth);
+    let problem = Problem { observation: &observation, mask: &mask, truth: Some(&truth) };
+    let mut found = |corrections| {
+        let settings = InversionSettings { corrections, misfit: 1e-4, ..settings() };
+        invert(&problem, &mut models, &Start::Constant(1.0), &settings, &()).unwrap()
+    };
+    let (one, three) = (found(1), found(3));
+    let stages: Vec<_> = three.history.iter().map(|record| (record.stage, record.block)).collect();
+    let mut seen = stages.clone();
+    seen.dedup();
+    assert_eq!(seen, [(0, 2), (1, 1), (2, 1), (3, 1), (4, 1)]);
+    let far = three.history.iter().rev().find(|record| record.stage == 1).unwrap();
+    let errors = [far.relative_error.unwrap()].into_iter();
+    let errors = errors
+        .chain([&one, &three].map(|found| found.history.last().unwrap().relative_error.unwrap()));
+    let errors: Vec<f64> = errors.collect();
+    assert!(errors[0] > 0.08 && errors[1] < 0.5 * errors[0], "{errors:?}");
+    assert!(errors[2] < 0.5 * errors[1], "{errors:?}");
+}
+
 /// Where the images say next to nothing, a rough start is not smoothed.
 #[test]
 fn a_start_is_what_the_prior_expects() {

@@ -32,7 +32,7 @@ impl Default for OrdinatesSettings {
             tolerance: 1e-4,
             most_sweeps: 200,
             rays_per_pixel: 13,
-            cell_depth: 0.7,
+            cell_depth: 0.5,
             most_parts: 4,
             largest_extinction: None,
         }
@@ -56,9 +56,9 @@ impl OrdinatesSettings {
             settings
         } else {
             Self {
-                zenith_angles: 16,
-                cell_depth: 0.5,
-                most_parts: 6,
+                zenith_angles: 12,
+                cell_depth: 0.3,
+                most_parts: 8,
                 rays_per_pixel: 34,
                 ..settings
             }
