@@ -19,7 +19,7 @@ pub(crate) struct Args {
     /// Weights: a file, or the name of built-in ones (cloudct-10, pearls-32)
     #[arg(long, value_name = "FILE|NAME")]
     weights: PathBuf,
-    /// Take 10 steps only, by a solver with the ordinates of the coarse grids
+    /// Take 12 steps only, corrected once by the accurate solver
     #[arg(long, conflicts_with = "iterations")]
     quick: bool,
     #[command(flatten)]

@@ -4,6 +4,7 @@
 //! exist only at the edges of the program, in names that end in `_deg`.
 
 pub use glam::DVec3;
+use pulp::WithSimd;
 
 /// A half-line in space: `origin + distance * direction`, distance in km.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -55,6 +56,25 @@ pub fn deflect(axis: DVec3, cosine: f64, azimuth: f64) -> DVec3 {
     let bitangent = DVec3::new(b, sign + axis.y * axis.y * a, -axis.y);
     let (sin_azimuth, cos_azimuth) = azimuth.sin_cos();
     (sine * cos_azimuth * tangent + sine * sin_azimuth * bitangent + cosine * axis).normalize()
+}
+
+/// Run code that is written for vectors of any width with those of the processor: 256 bits on x86-64 that
+/// has them.
+///
+/// `pulp::Arch` would take 512 bits as well as soon as any crate of the program asks for them: arrays that
+/// are padded to eight numbers must not see sixteen.
+#[inline]
+pub(crate) fn with_vectors<Op: WithSimd>(op: Op) -> Op::Output {
+    #[cfg(target_arch = "x86_64")]
+    {
+        use pulp::Simd;
+        match pulp::x86::V3::try_new() {
+            Some(simd) => Simd::vectorize(simd, op),
+            None => Simd::vectorize(pulp::Scalar, op),
+        }
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    pulp::Arch::new().dispatch(op)
 }
 
 #[cfg(test)]

@@ -226,7 +226,7 @@ pub(crate) fn invert(
 /// sun : Sun, optional
 ///     Zenith 30 and azimuth 45 degrees where it is not given.
 /// quick : bool
-///     Take 10 steps only, by a solver with fewer ordinates.
+///     Take 12 steps only, corrected once by the accurate solver.
 /// mask : array of bool, [z, y, x], optional
 ///     Where cloud is looked for; carved from the images where it is not given.
 /// standard_error, truth, asymmetry, single_scattering_albedo, surface_albedo, effective_radius,

@@ -5,8 +5,9 @@
 //! Written here and not taken from a library: one sphere is a page of code, and a table
 //! over droplet sizes is fast because all spheres share one grid of angles.
 
+use crate::math::with_vectors;
 use num_complex::Complex64;
-use pulp::{Arch, Simd, WithSimd};
+use pulp::{Simd, WithSimd};
 
 /// The coefficients of a sphere's scattered wave.
 #[derive(Debug, Clone, PartialEq)]
@@ -92,7 +93,7 @@ impl Sphere {
             let weight = (2.0 * n + 1.0) / (n * (n + 1.0));
             Term::new(n, weight * (a + b), weight * (a - b))
         });
-        Arch::new().dispatch(Series { terms: terms.collect(), cosines })
+        with_vectors(Series { terms: terms.collect(), cosines })
     }
 }
 
@@ -103,7 +104,7 @@ pub(super) fn efficiencies_of(
     size_parameters: [f64; LANES],
     refractive_index: Complex64,
 ) -> [[f64; 2]; LANES] {
-    Arch::new().dispatch(Batch { size_parameters, refractive_index })
+    with_vectors(Batch { size_parameters, refractive_index })
 }
 
 /// Number of terms of the series: Wiscombe (1980), equation 9.

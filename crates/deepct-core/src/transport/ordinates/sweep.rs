@@ -13,7 +13,8 @@
 
 use super::lattice::{Active, Lattice, MOST_PARTS};
 use super::quadrature::Octant;
-use pulp::{Arch, Simd, WithSimd};
+use crate::math::with_vectors;
+use pulp::{Simd, WithSimd};
 use std::sync::LazyLock;
 
 /// Radiance that enters or leaves through faces of the grid in the ordinates of an octant:
@@ -66,7 +67,7 @@ pub(super) fn sweep<V: Visit>(
     source: &[f32],
     visit: &mut V,
 ) {
-    Arch::new().dispatch(Sweep { medium, octants, source, visit });
+    with_vectors(Sweep { medium, octants, source, visit });
 }
 
 struct Sweep<'a, 'b, V> {
