@@ -235,14 +235,24 @@ impl Args {
             let labels = crate::plot::labels(&observation);
             contact_sheet(name(path), &observation.images, &labels, &title)?;
         }
-        if !rendering.converged {
+        if !rendering.converged && !rendering.interrupted {
             eprintln!(
                 "deepct: warning: the deterministic solver has not come to its tolerance; the cloud is \
                  very thick, or its sides are periodic and close: --solver monte-carlo is exact"
             );
         }
         if rendering.interrupted {
-            eprintln!("deepct: stopped early: the images hold {samples} light paths a pixel");
+            match self.solver {
+                Method::MonteCarlo => {
+                    eprintln!(
+                        "deepct: stopped early: the images hold {samples} light paths a pixel"
+                    );
+                }
+                Method::Ordinates => eprintln!(
+                    "deepct: stopped early: the images are those of a solution that has not come to its \
+                     tolerance"
+                ),
+            }
         }
         if !global.quiet {
             let [views, rows, cols] = observation.images.shape();

@@ -63,10 +63,10 @@ pub struct Rendering {
 pub struct Progress {
     /// Share of the work that is done, in `[0, 1]`; a guess where a noise is the target.
     pub share: f64,
-    /// Number of light paths of each pixel so far.
+    /// Number of light paths of each pixel so far; 0 by a solver that follows none.
     pub samples_per_pixel: u32,
     /// Standard error over radiance, the root mean square over all bright pixels: those
-    /// with at least half the radiance of the brightest one of their view.
+    /// with at least half the radiance of the brightest one of their view; 0 where there is none.
     pub noise: f64,
 }
 
@@ -85,8 +85,7 @@ impl Watch for () {}
 
 /// The images of `scene` by `views`; `watch` learns how far they are, and may stop them.
 ///
-/// The result of random paths does not depend on the number of threads. The deterministic
-/// solver is done too soon to be watched.
+/// The result of random paths does not depend on the number of threads.
 ///
 /// # Errors
 /// No view, views of different sizes, a setting out of range, or a trilinear medium
@@ -104,10 +103,10 @@ pub fn render(
         Solver::Ordinates(settings) => {
             let mut model = OrdinatesModel::new(scene, views, None, settings)?;
             Ok(Rendering {
-                images: model.images(&scene.medium.extinction)?,
+                images: model.watched(&scene.medium.extinction, watch)?,
                 standard_error: None,
                 samples_per_pixel: 0,
-                interrupted: false,
+                interrupted: watch.interrupted() && !model.converged(),
                 converged: model.converged(),
             })
         }

@@ -28,7 +28,7 @@ impl OrdinatesModel {
         let OrdinatesSettings { tolerance, most_sweeps, .. } = self.settings;
         let thrown = self.thrown_on_surface(&derivative.on_surface.irradiance);
         let backward = Origin { own: &by_moments, outside: &thrown, ..Origin::default() };
-        let (adjoint, _) = transport.solve(backward, start, tolerance, most_sweeps);
+        let (adjoint, _) = transport.solve(backward, start, tolerance, most_sweeps, &|_| true);
 
         // What extinction does to light on its way, forwards and backwards.
         let forward = Origin { own: &state.first, outside: &state.outside, ..Origin::default() };

@@ -183,13 +183,15 @@ impl Transport<'_> {
 
     /// The radiance of an origin that is scattered on and on, from a first guess, and the
     /// number of sweeps: by the generalised minimal residual method (Saad and Schultz 1986)
-    /// until the change of a sweep is less than `tolerance` of the radiance.
+    /// until the change of a sweep is less than `tolerance` of the radiance, or `go_on` says no to
+    /// what it is after each sweep.
     pub(super) fn solve(
         &self,
         origin: Origin,
         mut field: Field,
         tolerance: f64,
         most_sweeps: usize,
+        go_on: &dyn Fn(f64) -> bool,
     ) -> (Field, usize) {
         let mut room = Room::new(field.moments.len());
         let mut sweeps = 0;
@@ -199,17 +201,26 @@ impl Transport<'_> {
             sweeps += 1;
             let mut change = next.clone();
             change.add(-1.0, &field);
-            let (size, wanted) = (change.norm(), tolerance * next.norm());
-            if size <= wanted || sweeps >= most_sweeps {
+            let (size, whole) = (change.norm(), next.norm());
+            let wanted = tolerance * whole;
+            let go_on = |size: f64| go_on(size / whole);
+            if size <= wanted || sweeps >= most_sweeps || !go_on(size) {
                 return (next, sweeps);
             }
-            sweeps += self.correct(&mut room, &mut field, change, wanted);
+            sweeps += self.correct(&mut room, &mut field, change, wanted, &go_on);
         }
     }
 
     /// Add to a field the combination of [`RESTART`] directions that leaves least of its
     /// change in a sweep; the number of sweeps that this takes.
-    fn correct(&self, room: &mut Room, field: &mut Field, mut change: Field, wanted: f64) -> usize {
+    fn correct(
+        &self,
+        room: &mut Room,
+        field: &mut Field,
+        mut change: Field,
+        wanted: f64,
+        go_on: &dyn Fn(f64) -> bool,
+    ) -> usize {
         let size = change.norm();
         change.scale(1.0 / size);
         let mut directions = vec![change];
@@ -236,7 +247,8 @@ impl Transport<'_> {
             left.push(-sine * rest);
             columns.push(column);
             rotations.push((cosine, sine));
-            if left[number + 1].abs() <= wanted || norm == 0.0 {
+            let size = left[number + 1].abs();
+            if size <= wanted || norm == 0.0 || !go_on(size) {
                 break;
             }
             image.scale(1.0 / norm);

@@ -26,7 +26,7 @@ mod sweep;
 
 pub use settings::OrdinatesSettings;
 
-use super::{check_scene, check_sizes};
+use super::{Progress, Watch, check_scene, check_sizes};
 use crate::error::{Error, Result};
 use crate::grid::{Mask, Volume};
 use crate::image::ViewStack;
@@ -40,8 +40,12 @@ use ndarray::Array3;
 use optics::Optics;
 use quadrature::{Octant, Quadrature, first_harmonics};
 use rayon::prelude::*;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use surroundings::{OnSurface, Surroundings};
 use sweep::Faces;
+
+/// The share of a rendering that is done when the solution is there, about.
+const SOLVED: f64 = 0.6;
 
 /// The images of one scene by the same views for any extinction, and their derivatives.
 /// Each solution starts from the one before.
@@ -209,10 +213,16 @@ impl OrdinatesModel {
     /// # Errors
     /// An extinction on another grid, negative or not finite.
     pub fn images(&mut self, extinction: &Volume) -> Result<ViewStack> {
+        self.watched(extinction, &())
+    }
+
+    /// The same for somebody who waits, and may stop the sweeps: the images are then those of a
+    /// solution that has not converged.
+    pub(super) fn watched(&mut self, extinction: &Volume, watch: &dyn Watch) -> Result<ViewStack> {
         let grid = &self.scene.medium.extinction.grid;
         grid.check_shape("the extinction", extinction.values.shape())?;
         extinction.check_non_negative("extinction")?;
-        self.solve(standard(&extinction.values));
+        self.solve(standard(&extinction.values), watch);
         let state = self.state.as_ref().expect("just solved");
         let camera = self.camera(state);
         let [rows, cols] = [self.views[0].rows, self.views[0].cols];
@@ -224,12 +234,17 @@ impl OrdinatesModel {
             };
             tile.pixels().filter(counts).collect()
         };
+        let done = AtomicUsize::new(0);
         let seen = |tile: &Tile| -> Vec<([usize; 2], f64)> {
             let view = &self.views[tile.view];
             let prepared = camera.prepare(tile, view);
             let radiance =
                 |pixel: [usize; 2]| (pixel, irradiance * camera.radiance(view, pixel, &prepared));
-            looked_at(tile).into_par_iter().map(radiance).collect()
+            let values = looked_at(tile).into_par_iter().map(radiance).collect();
+            let done = done.fetch_add(1, Ordering::Relaxed) + 1;
+            let share = done as f64 / self.tiles.len() as f64;
+            watch.reached(&progress(SOLVED + (1.0 - SOLVED) * share));
+            values
         };
         let values: Vec<_> = self.tiles.par_iter().map(seen).collect();
         for (tile, values) in self.tiles.iter().zip(values) {
@@ -317,7 +332,7 @@ impl OrdinatesModel {
         source
     }
 
-    fn solve(&mut self, extinction: Vec<f32>) {
+    fn solve(&mut self, extinction: Vec<f32>, watch: &dyn Watch) {
         let rays = self.rays(&extinction);
         let slots = 0..self.lattice.len();
         let whole: Vec<_> =
@@ -348,11 +363,23 @@ impl OrdinatesModel {
         let OrdinatesSettings { tolerance, most_sweeps, .. } = self.settings;
         let irradiance = surroundings.start();
         let origin = Origin { own: &first, outside: &outside, irradiance };
-        let (field, sweeps) = transport.solve(origin, start, tolerance, most_sweeps);
-        (self.sweeps, self.converged) = (sweeps, sweeps < most_sweeps);
+        // Sweeps lower the change by about the same factor each.
+        let go_on = |change: f64| {
+            let share = change.min(1.0).ln() / tolerance.ln();
+            watch.reached(&progress(SOLVED * share.clamp(0.0, 1.0)));
+            !watch.interrupted()
+        };
+        let (field, sweeps) = transport.solve(origin, start, tolerance, most_sweeps, &go_on);
+        let stopped = watch.interrupted();
+        (self.sweeps, self.converged) = (sweeps, sweeps < most_sweeps && !stopped);
         self.state =
             Some(State { extinction, whole, kept, sun_depths, shade, outside, first, field });
     }
+}
+
+/// How far the work is.
+fn progress(share: f64) -> Progress {
+    Progress { share, samples_per_pixel: 0, noise: 0.0 }
 }
 
 fn all_tiles(views: &[View]) -> Vec<Tile> {

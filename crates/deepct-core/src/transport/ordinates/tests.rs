@@ -288,3 +288,43 @@ fn the_light_of_a_small_cloud_is_that_of_photon_paths() {
         );
     }
 }
+
+/// Who waits learns how far it is, from little to all, and may stop the sweeps.
+#[test]
+fn a_rendering_is_watched_and_stopped() {
+    struct Waiting {
+        stop: bool,
+        shares: std::sync::Mutex<Vec<f64>>,
+    }
+    impl crate::transport::Watch for Waiting {
+        fn reached(&self, progress: &crate::transport::Progress) {
+            self.shares.lock().unwrap().push(progress.share);
+        }
+
+        fn interrupted(&self) -> bool {
+            self.stop && self.shares.lock().unwrap().len() > 2
+        }
+    }
+    let grid = Grid::new(DVec3::new(0.0, 0.0, 0.5), DVec3::splat(0.1), [4, 4, 4]).unwrap();
+    let medium = Medium::new(
+        Volume::constant(grid, 20.0),
+        1.0,
+        PhaseFunction::henyey_greenstein(0.85).unwrap(),
+    );
+    let scene = Scene::new(medium.unwrap(), Sun::default(), Surface::BLACK).unwrap();
+    let views = [View::orthographic(DVec3::Z, grid.center(), 0.1, [6, 6]).unwrap()];
+    let solver = Solver::Ordinates(OrdinatesSettings::default());
+    let rendered = |stop| {
+        let waiting = Waiting { stop, shares: Default::default() };
+        let rendering = render(&scene, &views, &solver, &waiting).unwrap();
+        (rendering, waiting.shares.into_inner().unwrap())
+    };
+    let (whole, shares) = rendered(false);
+    assert!(whole.converged && !whole.interrupted);
+    assert!(shares.len() > 4 && shares[0] < 0.5 && shares.last() == Some(&1.0), "{shares:?}");
+    let (part, shares) = rendered(true);
+    assert!(part.interrupted && !part.converged && shares.len() < 6, "{shares:?}");
+    // Light that was scattered a few times only.
+    let (part, whole) = (part.images.brightest(), whole.images.brightest());
+    assert!(0.05 * whole < part && part < whole, "{part} of {whole}");
+}
