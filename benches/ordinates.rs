@@ -7,7 +7,7 @@
 //! solution in the first row.
 //!
 //! PATHS is a folder with VIEW.bin of each view by `render_timer FOLDER VIEW ASYMMETRY SAMPLES
-//! never PATHS/VIEW.bin`: the same against random paths, and the mean absolute difference
+//! never PATHS/VIEW.bin`: the same against photon paths, and the mean absolute difference
 //! that the noise of the paths makes alone.
 
 use deepct_core::io::{read_reference_view, read_volume};
@@ -73,7 +73,7 @@ fn main() -> Result<(), AnyError> {
     Ok(())
 }
 
-/// What pixels and their mean differ from those of random paths, in per cent.
+/// What pixels and their mean differ from those of photon paths, in per cent.
 fn beside_paths(file: &Path, found: &[f64], flux: f64) -> Result<String, AnyError> {
     let bytes = std::fs::read(file)?;
     let (numbers, _) = bytes.as_chunks::<8>();

@@ -38,7 +38,7 @@ fn main() -> Result<(), AnyError> {
         .images
         .values
         .iter()
-        .chain(&rendering.standard_error.as_ref().expect("random paths").values);
+        .chain(&rendering.standard_error.as_ref().expect("photon paths").values);
     let bytes: Vec<u8> = values.flat_map(|value| f64::from(*value).to_le_bytes()).collect();
     std::fs::write(output, bytes)?;
     println!("[{seconds}, {}, {}]", view.rows, view.cols);

@@ -133,7 +133,7 @@ impl Watch for RenderProgress {
         let done = (reached.share * STEPS as f64) as u64;
         let before = self.progress.done.load(Ordering::Relaxed);
         let (samples, noise) = (reached.samples_per_pixel, 100.0 * reached.noise);
-        let paths = format!("{samples} light paths a pixel, noise {noise:.2} %");
+        let paths = format!("{samples} photon paths a pixel, noise {noise:.2} %");
         let text = if samples > 0 { paths } else { format!("{:.0} %", 100.0 * reached.share) };
         self.progress.advance_with(done.saturating_sub(before), Some(&text));
     }

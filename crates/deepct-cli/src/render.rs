@@ -107,7 +107,7 @@ pub(crate) struct Args {
 /// A solver by its name.
 #[derive(Debug, Clone, Copy, clap::ValueEnum)]
 enum Method {
-    /// Random light paths: exact up to noise
+    /// Random photon paths: exact up to noise
     MonteCarlo,
     /// Discrete directions: without noise, in seconds, bright pixels about 1 % off
     Ordinates,
@@ -165,7 +165,7 @@ fn with_wavelength(path: &Path, wavelength: f64) -> PathBuf {
 }
 
 impl Args {
-    /// An error if the solver has no light paths to which an option could apply.
+    /// An error if the solver has no photon paths to which an option could apply.
     fn check_solver(&self) -> Result<()> {
         let of_paths = [
             ("--samples", self.samples.is_some()),
@@ -185,7 +185,7 @@ impl Args {
                 "solver",
                 format!("monte-carlo with {option}"),
                 "ordinates",
-                format!("leave out {option}: this solver follows no light paths"),
+                format!("leave out {option}: this solver follows no photon paths"),
             )),
             _ => Ok(()),
         }
@@ -245,7 +245,7 @@ impl Args {
             match self.solver {
                 Method::MonteCarlo => {
                     eprintln!(
-                        "deepct: stopped early: the images hold {samples} light paths a pixel"
+                        "deepct: stopped early: the images hold {samples} photon paths a pixel"
                     );
                 }
                 Method::Ordinates => eprintln!(
@@ -257,7 +257,7 @@ impl Args {
         if !global.quiet {
             let [views, rows, cols] = observation.images.shape();
             let by = match self.solver {
-                Method::MonteCarlo => format!("{samples} light paths each"),
+                Method::MonteCarlo => format!("{samples} photon paths each"),
                 Method::Ordinates => "by discrete ordinates".to_owned(),
             };
             println!("{views} views of {rows} x {cols} pixels, {by}");

@@ -19,7 +19,7 @@ fn main() -> Result<()> {
         *extinction = (20.0 * (1.0 - distance / 0.35)).max(0.0) as f32;
     }
 
-    // What the cameras see, by random light paths.
+    // What the cameras see, by random photon paths.
     let phase_function = PhaseFunction::henyey_greenstein(CLOUD_ASYMMETRY)?;
     let medium = Medium::new(cloud.clone(), 1.0, phase_function)?;
     let scene = Scene::new(medium, Sun::default(), Surface::BLACK)?;

@@ -55,6 +55,7 @@ fn what_cannot_be_inverted_is_refused() {
         ("--mask I.nc", ["I.nc", "mask"]),
         ("--set inversion.memroy=3", ["memroy", "deepct config invert"]),
         ("--set inversion.softness=0", ["softness", "positive"]),
+        ("--set inversion.corrections=0", ["corrections", "at least 1"]),
         ("--surface-albedo 2", ["surface albedo", "2"]),
     ] {
         program.refuse(&format!("{line} {wrong}"), &words);

@@ -153,7 +153,7 @@ fn a_wanted_noise_is_reached() {
     let program = Program::new();
     cloud(&program, "C.nc");
     let printed = program.succeed("render C.nc --views cloudct-10 --noise 0.1 --out I.nc");
-    assert!(printed.contains("light paths each"), "{printed}");
+    assert!(printed.contains("photon paths each"), "{printed}");
     let observation = read_observation(program.path("I.nc")).unwrap();
     let (images, errors) = (observation.images, observation.standard_error.unwrap());
     let (mut squares, mut bright) = (0.0, 0.0);

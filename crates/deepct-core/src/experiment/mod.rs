@@ -22,7 +22,7 @@ use std::path::PathBuf;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ExperimentSettings {
-    /// Seed of generated clouds, of light paths and of the sensor's noise.
+    /// Seed of generated clouds, of photon paths and of the sensor's noise.
     pub seed: u64,
     /// Files of clouds.
     pub clouds: Vec<PathBuf>,

@@ -386,7 +386,7 @@ impl<'a> Run<'a> {
 /// the grid itself, then the corrections. Where models are not corrected, the grid itself once.
 fn stages(start: &Start, corrected: bool, settings: &InversionSettings) -> Vec<Stage> {
     let near = Stage { block: 1, near: true };
-    let corrections = if corrected { settings.corrections.max(1) } else { 1 };
+    let corrections = if corrected { settings.corrections } else { 1 };
     let coarse = match start {
         Start::Estimate(_) => &[][..],
         Start::Constant(_) | Start::Search => &settings.coarse,

@@ -124,6 +124,9 @@ impl InversionSettings {
                 return Err(Error::out_of_range(name, value, "finite and not negative"));
             }
         }
+        if self.corrections == 0 {
+            return Err(Error::out_of_range("corrections", 0, "at least 1"));
+        }
         if let Some(block) = self.coarse.iter().find(|block| !(2..=64).contains(*block)) {
             return Err(Error::out_of_range("coarse", block, "blocks of 2 to 64 voxels"));
         }

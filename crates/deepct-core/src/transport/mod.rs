@@ -29,7 +29,7 @@ use crate::scene::{Scene, View};
 /// How the radiative-transfer equation is solved.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Solver {
-    /// Random light paths from the camera to the Sun: exact up to noise, which the
+    /// Random photon paths from the camera to the Sun: exact up to noise, which the
     /// answer tells.
     MonteCarlo(MonteCarloSettings),
     /// Discrete directions and finite elements: without noise, in seconds, and bright pixels about
@@ -50,7 +50,7 @@ pub struct Rendering {
     pub images: ViewStack,
     /// Standard error of each pixel, in the same unit; none by a solver without noise.
     pub standard_error: Option<ViewStack>,
-    /// Number of light paths of each pixel; 0 by a solver that follows none.
+    /// Number of photon paths of each pixel; 0 by a solver that follows none.
     pub samples_per_pixel: u32,
     /// Whether the watch stopped the work before it was done.
     pub interrupted: bool,
@@ -63,7 +63,7 @@ pub struct Rendering {
 pub struct Progress {
     /// Share of the work that is done, in `[0, 1]`; a guess where a noise is the target.
     pub share: f64,
-    /// Number of light paths of each pixel so far; 0 by a solver that follows none.
+    /// Number of photon paths of each pixel so far; 0 by a solver that follows none.
     pub samples_per_pixel: u32,
     /// Standard error over radiance, the root mean square over all bright pixels: those
     /// with at least half the radiance of the brightest one of their view; 0 where there is none.
@@ -85,7 +85,7 @@ impl Watch for () {}
 
 /// The images of `scene` by `views`; `watch` learns how far they are, and may stop them.
 ///
-/// The result of random paths does not depend on the number of threads.
+/// The result of photon paths does not depend on the number of threads.
 ///
 /// # Errors
 /// No view, views of different sizes, a setting out of range, or a trilinear medium

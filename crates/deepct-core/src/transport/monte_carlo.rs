@@ -1,4 +1,4 @@
-//! The Monte Carlo solver: samples of light paths, and their mean.
+//! The Monte Carlo solver: samples of photon paths, and their mean.
 //!
 //! Backward path tracing (Marchuk et al. 1980): paths start in a pixel, scatter by
 //! chance, and look at the Sun from each scattering (next-event estimation). Samples are
@@ -26,7 +26,7 @@ const BRIGHT: f64 = 0.5;
 /// Settings of the Monte Carlo solver.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MonteCarloSettings {
-    /// Number of light paths of each pixel, at least 2; the most of them if a `noise` is
+    /// Number of photon paths of each pixel, at least 2; the most of them if a `noise` is
     /// given.
     pub samples_per_pixel: u32,
     /// Stop as soon as [`Progress::noise`] is no more than this.

@@ -72,7 +72,7 @@ fn compare(
     let scaled = |values: &ndarray::Array3<f32>| -> Vec<f64> {
         values.iter().map(|value| flux * f64::from(*value)).collect()
     };
-    let errors = found.standard_error.as_ref().expect("random paths have noise");
+    let errors = found.standard_error.as_ref().expect("photon paths have noise");
     let (radiance, error) = (scaled(&found.images.values), scaled(&errors.values));
     let mean = mean_of(&radiance, &error);
     let mitsuba = mean_of(&expected.mitsuba, &expected.mitsuba_standard_error);

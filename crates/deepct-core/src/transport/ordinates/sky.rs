@@ -263,7 +263,7 @@ mod tests {
     use crate::scene::{Sun, Surface};
     use crate::transport::{MonteCarloSettings, radiances};
 
-    /// Against random paths, up and down, near the horizon too, above a bright surface.
+    /// Against photon paths, up and down, near the horizon too, above a bright surface.
     #[test]
     fn the_sky_is_that_of_random_paths() {
         let grid = Grid::new(DVec3::new(0.0, 0.0, 1.0), DVec3::splat(0.1), [2, 2, 2]).unwrap();

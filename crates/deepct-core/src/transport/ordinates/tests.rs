@@ -123,7 +123,7 @@ fn derivatives_are_central_differences() {
     }
 }
 
-/// The view means against those of random paths, of the cloud alone, above a bright surface,
+/// The view means against those of photon paths, of the cloud alone, above a bright surface,
 /// and in air: so small and uneven a cloud asks for fine angles, cells and rays.
 #[test]
 fn images_are_those_of_random_paths() {
