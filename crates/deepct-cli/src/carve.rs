@@ -1,7 +1,7 @@
 //! `deepct carve`: the voxels that the images allow to hold cloud.
 
-use crate::Outcome;
 use crate::global::Global;
+use crate::outcome::Outcome;
 use deepct_core::carve::{CarveSettings, carve};
 use deepct_core::io::{Provenance, read_grid, read_observation, write_mask};
 use deepct_core::{Error, Result};

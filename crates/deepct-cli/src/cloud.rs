@@ -1,7 +1,9 @@
 //! `deepct cloud`: clouds made up, or read from elsewhere.
 
+use crate::config;
+use crate::defaults;
 use crate::global::Global;
-use crate::{Outcome, config};
+use crate::outcome::Outcome;
 use deepct_core::cloud::{
     Cloud, CumulusSettings, FieldSettings, IsolateSettings, cumulus, field, isolate,
 };
@@ -24,12 +26,6 @@ enum Verb {
     Generate(GenerateArgs),
     Import(Box<ImportArgs>),
 }
-
-/// The defaults of `cloud generate --kind cumulus`.
-pub(crate) const CUMULUS: &str = include_str!("defaults/cloud-cumulus.toml");
-
-/// The defaults of `cloud generate --kind field`.
-pub(crate) const FIELD: &str = include_str!("defaults/cloud-field.toml");
 
 /// A random cloud from the built-in generator
 ///
@@ -112,11 +108,11 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
 fn generate(args: &GenerateArgs, global: &Global) -> Result<Outcome> {
     let (cloud, configuration) = match args.kind {
         Kind::Cumulus => {
-            let settings: CumulusSettings = args.settings.resolve(CUMULUS)?;
+            let settings: CumulusSettings = args.settings.resolve(defaults::CUMULUS)?;
             (cumulus(&settings, global.seed)?, toml::to_string(&settings))
         }
         Kind::Field => {
-            let settings: FieldSettings = args.settings.resolve(FIELD)?;
+            let settings: FieldSettings = args.settings.resolve(defaults::FIELD)?;
             (field(&settings, global.seed)?, toml::to_string(&settings))
         }
     };

@@ -1,29 +1,24 @@
 //! Settings: commented defaults, a file over them, `--set key=value` over both; and
 //! `deepct config`, which prints the defaults.
 
-use crate::Outcome;
+use crate::defaults;
+use crate::outcome::Outcome;
+use deepct_core::scene::Light;
 use deepct_core::{Error, Result};
 use serde::de::DeserializeOwned;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// Print the default settings of a verb, with a comment each
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
-    /// The verb, and for `cloud generate` the kind of cloud
-    #[arg(value_parser = DEFAULTS.map(|(verb, _)| verb))]
+    /// The verb, for `cloud generate` the kind of cloud, or `light`
+    #[arg(value_parser = defaults::ALL.map(|(verb, _)| verb))]
     verb: String,
 }
 
-/// The verbs that have settings, and their commented defaults in TOML.
-const DEFAULTS: [(&str, &str); 7] = [
-    ("cloud-cumulus", crate::cloud::CUMULUS),
-    ("cloud-field", crate::cloud::FIELD),
-    ("infer", crate::infer::DEFAULTS),
-    ("invert", crate::inversion::DEFAULTS),
-    ("dataset", crate::dataset::DEFAULTS),
-    ("experiment", crate::experiment::DEFAULTS),
-    ("render", crate::render::DEFAULTS),
-];
+/// Values by their key, with dots between the levels of a table.
+pub(crate) type Values = BTreeMap<String, toml::Value>;
 
 /// The flags of a verb that has settings.
 #[derive(Debug, Clone, clap::Args)]
@@ -37,9 +32,9 @@ pub(crate) struct Settings {
 }
 
 pub(crate) fn run(args: &Args) -> Result<Outcome> {
-    let (_, defaults) =
-        DEFAULTS.iter().find(|(verb, _)| *verb == args.verb).expect("clap accepts no other verb");
-    print!("{defaults}");
+    let mut all = defaults::ALL.iter();
+    let (_, text) = all.find(|(verb, _)| *verb == args.verb).expect("clap accepts no other verb");
+    print!("{text}");
     Ok(Outcome::Success)
 }
 
@@ -54,27 +49,79 @@ impl Settings {
     /// # Errors
     /// A file that cannot be read or parsed, an unknown key, a value of a wrong type.
     pub(crate) fn resolve<T: DeserializeOwned>(&self, defaults: &str) -> Result<T> {
-        let mut table: toml::Table = defaults.parse().expect("defaults are valid TOML");
+        self.resolved(defaults, self.given()?)
+    }
+
+    /// The same, and apart from it those of the given settings that describe the light.
+    ///
+    /// # Errors
+    /// As [`Settings::resolve`].
+    pub(crate) fn resolve_with_light<T: DeserializeOwned>(
+        &self,
+        defaults: &str,
+    ) -> Result<(T, Values)> {
+        let (light, own) = self.given()?.into_iter().partition(|(key, _)| is_light(key));
+        Ok((self.resolved(defaults, own)?, flattened(light)))
+    }
+
+    /// What the file and the single values say.
+    fn given(&self) -> Result<toml::Table> {
+        let mut table = toml::Table::new();
         if let Some(path) = &self.config {
-            let text = std::fs::read_to_string(path).map_err(|problem| {
-                let remedy = "name a TOML file; `deepct config` prints the settings of a verb";
-                Error::file(path, "settings", problem.to_string(), remedy)
-            })?;
-            let file: toml::Table =
-                text.parse().map_err(|problem| invalid(path, &problem, defaults))?;
-            overlay(&mut table, file);
+            table = read_table(path, "VERB")?;
         }
         for setting in &self.set {
             overlay(&mut table, single(setting)?);
         }
-        let origin = self.config.as_deref().unwrap_or(Path::new("--set"));
-        table.try_into().map_err(|problem| invalid(origin, &problem, defaults))
+        Ok(table)
     }
+
+    fn resolved<T: DeserializeOwned>(&self, defaults: &str, given: toml::Table) -> Result<T> {
+        let mut table: toml::Table = defaults.parse().expect("defaults are valid TOML");
+        overlay(&mut table, given);
+        let origin = self.config.as_deref().unwrap_or(Path::new("--set"));
+        let verb = defaults::ALL.iter().find(|(_, text)| *text == defaults);
+        let verb = verb.map_or("VERB", |(verb, _)| verb);
+        table.try_into().map_err(|problem| invalid(origin, &problem, verb))
+    }
+}
+
+/// The table in a TOML file of settings of a verb.
+pub(crate) fn read_table(path: &Path, verb: &str) -> Result<toml::Table> {
+    let text = std::fs::read_to_string(path).map_err(|problem| {
+        let remedy = format!("name a TOML file; `deepct config {verb}` prints the settings");
+        Error::file(path, "settings", problem.to_string(), remedy)
+    })?;
+    text.parse().map_err(|problem| invalid(path, &problem, verb))
+}
+
+/// Whether a top-level key belongs to the light.
+fn is_light(key: &str) -> bool {
+    Light::keys().iter().any(|known| known.split('.').next() == Some(key))
+}
+
+/// The values of a table and of those in it, by keys with dots; whole numbers as real ones.
+pub(crate) fn flattened(table: toml::Table) -> Values {
+    let mut values = Values::new();
+    for (key, value) in table {
+        match value {
+            toml::Value::Table(below) => values.extend(
+                flattened(below).into_iter().map(|(name, value)| (format!("{key}.{name}"), value)),
+            ),
+            toml::Value::Integer(number) => {
+                values.insert(key, toml::Value::Float(number as f64));
+            }
+            value => {
+                values.insert(key, value);
+            }
+        }
+    }
+    values
 }
 
 /// The table of one `key=value`, where the key may be dotted; a value that is not
 /// TOML is taken as a string.
-fn single(setting: &str) -> Result<toml::Table> {
+pub(crate) fn single(setting: &str) -> Result<toml::Table> {
     let Some((key, value)) = setting.split_once('=') else {
         return Err(Error::out_of_range("--set", setting, "of the form key=value"));
     };
@@ -96,8 +143,7 @@ fn overlay(table: &mut toml::Table, over: toml::Table) {
     }
 }
 
-fn invalid(path: &Path, problem: &toml::de::Error, defaults: &str) -> Error {
-    let verb = DEFAULTS.iter().find(|(_, text)| *text == defaults).map_or("VERB", |(verb, _)| verb);
+fn invalid(path: &Path, problem: &toml::de::Error, verb: &str) -> Error {
     Error::file(
         path,
         "settings",

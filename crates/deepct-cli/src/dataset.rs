@@ -1,8 +1,9 @@
 //! `deepct dataset`: samples for training.
 
-use crate::Outcome;
 use crate::config::Settings;
+use crate::defaults;
 use crate::global::Global;
+use crate::outcome::Outcome;
 use crate::progress::Progress;
 use clap::Subcommand;
 use deepct_core::Result;
@@ -10,9 +11,6 @@ use deepct_core::dataset::{self, DatasetSettings, Generated, Plan, Share, Split}
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
-
-/// The commented defaults of `dataset generate`.
-pub(crate) const DEFAULTS: &str = include_str!("defaults/dataset.toml");
 
 /// Make samples for training, or check those that are there
 #[derive(Debug, clap::Args)]
@@ -60,8 +58,8 @@ struct Order {
 
 impl Order {
     fn plan(&self, global: &Global) -> Result<Plan> {
-        let settings: DatasetSettings =
-            Settings::new(Some(self.config.clone()), self.set.clone()).resolve(DEFAULTS)?;
+        let settings: DatasetSettings = Settings::new(Some(self.config.clone()), self.set.clone())
+            .resolve(defaults::DATASET)?;
         let snapshots = settings.snapshots().count() as u64;
         let progress = Progress::start(global, "snapshots read", snapshots);
         dataset::plan(&settings, &self.simulations, &self.out, &|done| progress.advance(done))

@@ -4,8 +4,8 @@
 //! `cloudct-10` through the noise of a real sensor, carved, reconstructed by the built-in
 //! network, scored and drawn.
 
-use crate::Outcome;
 use crate::global::Global;
+use crate::outcome::Outcome;
 use crate::plot::labels;
 use crate::progress::RenderProgress;
 use deepct_core::carve::{CarveSettings, carve};
@@ -14,22 +14,16 @@ use deepct_core::grid::{Mask, Volume};
 use deepct_core::io::{self, Provenance};
 use deepct_core::metrics::{Scores, score};
 use deepct_core::network::Network;
-use deepct_core::optics::air::Air;
-use deepct_core::optics::{DropletSettings, DropletTable, Medium};
 use deepct_core::plot::{contact_sheet, volume_figure};
-use deepct_core::scene::{Formation, Observation, Scene, Sun, Surface};
-use deepct_core::sensor::{Scale, Sensor, sense};
+use deepct_core::scene::{Formation, Light, Observation, Scene};
+use deepct_core::sensor::{Scale, Sensor, expose};
 use deepct_core::transport::{OrdinatesSettings, Solver, render};
 use deepct_core::{Error, Result};
 use std::path::PathBuf;
-use std::sync::Arc;
 use std::time::Instant;
 
 /// The formation, and the name of the weights for it.
 const FORMATION: &str = "cloudct-10";
-
-/// Wavelength of the images (um).
-const WAVELENGTH: f64 = 0.672;
 
 /// Reconstruct a built-in cloud from ten noisy views: everything once, in seconds
 #[derive(Debug, clap::Args)]
@@ -43,20 +37,22 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
     std::fs::create_dir_all(&args.out).map_err(Error::io(&args.out))?;
     let stages = Stages { quiet: global.quiet };
     let cloud = stages.time("cloud", || cumulus(&CumulusSettings::default(), global.seed))?;
-    let medium = stages.time("optics", || droplets(&cloud))?;
-    let images = stages.time("render", || photograph(&medium, global))?;
-    let noisy = stages.time("sense", || expose(&images, global.seed))?;
+    let light = Light::realistic();
+    let scene = stages.time("optics", || light.scene(&cloud))?;
+    let light = light.recorded(&cloud);
+    let images = stages.time("render", || photograph(&scene, light, global))?;
+    let sensor = &Sensor::CMV4000;
+    let noisy = stages
+        .time("sense", || expose(&images, sensor, Scale::BrightestAtFullWell, global.seed))?
+        .observation;
     let grid = &cloud.grid;
     let carved = stages.time("carve", || carve(&noisy, grid, &CarveSettings::default()))?;
     let network = Network::new(&io::load_weights(FORMATION)?)?;
-    let bare = stages.time("infer", || {
-        let target = grid.center();
-        network.infer(&noisy.images, [target.x, target.y])
-    })?;
+    let bare = stages.time("infer", || network.infer(&noisy.images, &noisy.imaging_geometry()?))?;
     let mut estimate = bare.clone();
     carved.mask.apply(&mut estimate)?;
 
-    let truth = medium.extinction;
+    let truth = scene.medium.extinction;
     let cloud = Cloud { extinction: Some(truth.values.clone()), ..cloud };
     let results = Results { cloud, truth, images, noisy, mask: carved.mask, estimate };
     stages.time("draw", || results.write(args, global.seed))?;
@@ -65,35 +61,15 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
     Ok(Outcome::Success)
 }
 
-/// The cloud as its droplets scatter light.
-fn droplets(cloud: &Cloud) -> Result<Medium> {
-    let table = DropletTable::of(&DropletSettings::water(WAVELENGTH))?;
-    Medium::from_droplets(cloud, Arc::new(table))
-}
-
 /// The images of the cloud without a sensor's noise.
-fn photograph(medium: &Medium, global: &Global) -> Result<Observation> {
-    let sun = Sun::default();
-    let scene = Scene::new(medium.clone(), sun, Surface::OCEAN)?;
-    let scene = Scene { air: Some(Air::new(WAVELENGTH)?), ..scene };
-    let grid = &medium.extinction.grid;
+fn photograph(scene: &Scene, light: Light, global: &Global) -> Result<Observation> {
+    let grid = &scene.medium.extinction.grid;
     let [_, rows, cols] = grid.shape;
     let views = Formation::cloudct_10().views(grid.center(), [rows, cols])?;
     let progress = RenderProgress::start(global, "render");
     let solver = Solver::Ordinates(OrdinatesSettings::default());
-    let images = render(&scene, &views, &solver, &progress)?.images;
-    Observation::new(sun, views, images)
-}
-
-/// The same images through the paper's sensor.
-fn expose(images: &Observation, seed: u64) -> Result<Observation> {
-    let sensed = sense(&images.images, &Sensor::CMV4000, Scale::BrightestAtFullWell, seed)?;
-    let standard_error = sensed.standard_error(images.standard_error.as_ref())?;
-    Ok(Observation {
-        images: sensed.images,
-        standard_error: Some(standard_error),
-        ..images.clone()
-    })
+    let images = render(scene, &views, &solver, &progress)?.images;
+    Observation::new(light, views, images)
 }
 
 /// Says how long each stage takes.

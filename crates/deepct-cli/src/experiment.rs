@@ -1,17 +1,15 @@
 //! `deepct experiment`: four ways over a set of clouds, and the report.
 
-use crate::Outcome;
 use crate::config::Settings;
+use crate::defaults;
 use crate::global::Global;
+use crate::outcome::Outcome;
 use crate::progress::{InversionProgress, stopped};
 use deepct_core::experiment::{self, Experiment, ExperimentSettings, Method};
 use deepct_core::inversion::{Checkpoint, Record, Watch};
 use deepct_core::{Error, Result};
 use std::cell::RefCell;
 use std::path::PathBuf;
-
-/// The commented defaults.
-pub(crate) const DEFAULTS: &str = include_str!("defaults/experiment.toml");
 
 /// Compare network, physics, hybrid and quick hybrid over a set of clouds; stop and start
 /// it as you like
@@ -30,7 +28,7 @@ pub(crate) struct Args {
 
 pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let settings = Settings::new(Some(args.config.clone()), args.set.clone());
-    let settings: ExperimentSettings = settings.resolve(DEFAULTS)?;
+    let settings: ExperimentSettings = settings.resolve(defaults::EXPERIMENT)?;
     settings.check().map_err(Error::in_file(&args.config))?;
     let watch = ExperimentProgress { global, settings: &settings, inversion: RefCell::default() };
     let Experiment { outcomes, made, interrupted } = experiment::run(&settings, &args.out, &watch)?;

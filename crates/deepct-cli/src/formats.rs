@@ -1,6 +1,6 @@
 //! `deepct formats`: what can be read and written.
 
-use crate::Outcome;
+use crate::outcome::Outcome;
 
 /// List the file formats that can be read and written
 #[derive(Debug, clap::Args)]

@@ -1,9 +1,9 @@
 //! `deepct hybrid`: the network, then physics from its answer.
 
 use crate::global::Global;
-use crate::inversion::{DEFAULTS, Flags, InvertSettings, Job};
-use crate::{Outcome, config};
-use deepct_core::inversion::network_start;
+use crate::inversion::{Flags, Job};
+use crate::light::light_of;
+use crate::outcome::Outcome;
 use deepct_core::io::{load_weights, read_observation};
 use deepct_core::network::Network;
 use deepct_core::{Error, Result};
@@ -24,25 +24,26 @@ pub(crate) struct Args {
     quick: bool,
     #[command(flatten)]
     flags: Flags,
-    #[command(flatten)]
-    settings: config::Settings,
 }
 
 pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
-    let mut settings: InvertSettings = args.settings.resolve(DEFAULTS)?;
-    settings.inversion.check()?;
+    let (mut settings, given) = args.flags.resolve()?;
     if args.quick {
         settings.inversion = settings.inversion.quick();
     }
     let network = Network::new(&load_weights(&args.weights)?)?;
     let observation = read_observation(&args.images)?;
-    let start = network_start(&network, &observation).map_err(Error::in_file(&args.images))?;
+    let start = observation
+        .imaging_geometry()
+        .and_then(|geometry| network.estimate(&observation.images, &geometry))
+        .map_err(Error::in_file(&args.images))?;
     let job = Job {
         quick: args.quick,
         what: "hybrid",
         images: &args.images,
         flags: &args.flags,
         settings,
+        light: light_of(&observation, &args.images, &given, global.quiet)?,
         observation,
         grid: start.extinction.grid,
         start: start.into(),

@@ -1,13 +1,15 @@
 //! `deepct infer`: the extinction of a cloud from its images, by the network.
 
+use crate::config;
+use crate::defaults;
 use crate::global::Global;
-use crate::{Outcome, config};
+use crate::outcome::Outcome;
 use deepct_core::carve::{CarveSettings, carve};
 use deepct_core::conv;
 use deepct_core::grid::{Mask, Volume};
 use deepct_core::io::{Provenance, load_weights, read_mask, read_observation, write_estimate};
 use deepct_core::network::{Estimate, Network};
-use deepct_core::scene::{Observation, target};
+use deepct_core::scene::Observation;
 use deepct_core::{Error, Result};
 use std::path::{Path, PathBuf};
 
@@ -31,9 +33,6 @@ pub(crate) struct Args {
     #[command(flatten)]
     settings: config::Settings,
 }
-
-/// Commented defaults of the settings.
-pub(crate) const DEFAULTS: &str = include_str!("defaults/infer.toml");
 
 /// The settings of a run.
 #[derive(Debug, serde::Deserialize, serde::Serialize)]
@@ -67,7 +66,7 @@ impl ConvolutionSettings {
 }
 
 pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
-    let settings: InferSettings = args.settings.resolve(DEFAULTS)?;
+    let settings: InferSettings = args.settings.resolve(defaults::INFER)?;
     let weights = load_weights(&args.weights)?;
     let convolution = settings.convolution.resolve()?;
     let network = Network::with_settings(&weights, convolution)?;
@@ -100,7 +99,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
         configuration: toml::to_string(&resolved).expect("plain numbers and text"),
         seed: global.seed,
     };
-    write_estimate(&args.out, &estimate, &provenance)?;
+    write_estimate(&args.out, &estimate, &observation.light, &provenance)?;
     if !global.quiet {
         let Volume { grid, values } = &estimate.extinction;
         let [levels, rows, cols] = grid.shape;
@@ -144,10 +143,7 @@ impl Rounding {
 }
 
 fn infer(network: &Network, observation: &Observation) -> Result<Estimate> {
-    let target = target(&observation.views)?;
-    let geometry = observation.geometry();
-    network.metadata().check_images(&geometry, target.z, observation.wavelength)?;
-    network.estimate(&observation.images, [target.x, target.y])
+    network.estimate(&observation.images, &observation.imaging_geometry()?)
 }
 
 /// The mask that was asked for, on the volume's grid.

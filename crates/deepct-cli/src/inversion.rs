@@ -1,24 +1,21 @@
 //! What `deepct invert` and `deepct hybrid` have in common.
 
+use crate::config::{self, Values};
+use crate::defaults;
 use crate::global::Global;
-use crate::optics::{OpticsSettings, RenderSettings};
+use crate::light::LightFlags;
 use crate::progress::InversionProgress;
 use deepct_core::carve::{CarveSettings, carve};
-use deepct_core::cloud::Cloud;
 use deepct_core::grid::{Grid, Mask, Volume};
 use deepct_core::inversion::{
     Ending, InversionSettings, OrdinatesModels, Problem, Reconstruction, Start, invert, resume,
 };
 use deepct_core::io::{Provenance, read_checkpoint, read_cloud, read_mask, write_reconstruction};
-use deepct_core::optics::air::Air;
-use deepct_core::scene::{Observation, Scene, Surface, Waves};
+use deepct_core::scene::{Light, Observation};
 use deepct_core::transport::OrdinatesSettings;
 use deepct_core::{Error, Result};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
-
-/// Commented defaults of the settings.
-pub(crate) const DEFAULTS: &str = include_str!("defaults/invert.toml");
 
 /// The flags of both verbs.
 #[derive(Debug, clap::Args)]
@@ -36,26 +33,32 @@ pub(crate) struct Flags {
     /// Go on where a run that was stopped left off
     #[arg(long)]
     resume: bool,
-    /// Share of the light that the surface at altitude 0 reflects into all directions
-    #[arg(long, default_value_t = Surface::OCEAN.albedo, value_name = "A", allow_negative_numbers = true)]
-    surface_albedo: f64,
-    /// Wind over the sea (m/s): its waves mirror the light besides
-    #[arg(long, value_name = "M/S", allow_negative_numbers = true)]
-    wind_speed: Option<f64>,
-    /// Add the air of the standard atmosphere, which scatters light too
-    #[arg(long)]
-    air: bool,
     /// File of the extinction to write; what is needed to go on stands beside it, with the
     /// ending .checkpoint, until the run is complete
     #[arg(long, value_name = "V.nc")]
     out: PathBuf,
+    #[command(flatten)]
+    settings: config::Settings,
+    #[command(flatten)]
+    light: LightFlags,
+}
+
+impl Flags {
+    /// The settings of the run, and the values of the light that were given in place of those of the
+    /// images' file.
+    pub(crate) fn resolve(&self) -> Result<(InvertSettings, Values)> {
+        let (settings, mut values): (InvertSettings, Values) =
+            self.settings.resolve_with_light(defaults::INVERT)?;
+        settings.inversion.check()?;
+        values.extend(self.light.values(&[])?);
+        Ok((settings, values))
+    }
 }
 
 /// The settings of a run.
 #[derive(Debug, Clone, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct InvertSettings {
-    pub(crate) optics: OpticsSettings,
     pub(crate) carve: CarveSettings,
     pub(crate) solver: SolverSettings,
     pub(crate) inversion: InversionSettings,
@@ -95,6 +98,8 @@ pub(crate) struct Job<'a> {
     pub(crate) quick: bool,
     pub(crate) settings: InvertSettings,
     pub(crate) observation: Observation,
+    /// The light of the images.
+    pub(crate) light: Light,
     /// Where the cloud is sought.
     pub(crate) grid: Grid,
     pub(crate) start: Start,
@@ -108,12 +113,9 @@ struct Resolved<'a> {
     images: &'a Path,
     init: &'a str,
     mask: Option<&'a Path>,
-    surface_albedo: f64,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    wind_speed: Option<f64>,
-    air: bool,
     #[serde(flatten)]
     settings: &'a InvertSettings,
+    light: &'a Light,
 }
 
 impl Job<'_> {
@@ -136,7 +138,7 @@ impl Job<'_> {
             configuration: self.resolved(&self.settings),
             seed: global.seed,
         };
-        write_reconstruction(&flags.out, &reconstruction, &mask, &provenance)?;
+        write_reconstruction(&flags.out, &reconstruction, &mask, &self.light, &provenance)?;
         if reconstruction.ending == Ending::Interrupted {
             eprintln!("deepct: stopped early; the same command with --resume goes on");
         } else if checkpoint.exists() {
@@ -169,26 +171,12 @@ impl Job<'_> {
         invert(problem, &mut models, &self.start, settings, &watch)
     }
 
-    /// What droplets do to the light of the images.
-    fn optics(&self) -> RenderSettings {
-        let optics = self.settings.optics.clone();
-        RenderSettings { wavelength: self.observation.wavelength, optics }
-    }
-
     fn truth(&self, path: &Path) -> Result<Volume> {
-        self.optics().extinction(&read_cloud(path)?).map_err(Error::in_file(path))
+        self.light.extinction(&read_cloud(path)?).map_err(Error::in_file(path))
     }
 
     fn models(&self) -> Result<OrdinatesModels> {
-        let Flags { surface_albedo, wind_speed, air, .. } = *self.flags;
-        let nothing = Cloud::from_extinction(Volume::constant(self.grid, 0.0))?;
-        let medium = self.optics().medium(nothing)?;
-        let waves = wind_speed.map(Waves::new).transpose()?;
-        let surface = Surface { waves, ..Surface::lambertian(surface_albedo) };
-        let mut scene = Scene::new(medium, self.observation.sun, surface)?;
-        if air {
-            scene = scene.with_air(Air::new(self.observation.wavelength)?);
-        }
+        let scene = self.light.scene_of(Volume::constant(self.grid, 0.0))?;
         let solver = &self.settings.solver;
         let views = self.observation.views.clone();
         let mut models = OrdinatesModels::new(scene, views, solver.ordinates());
@@ -218,15 +206,12 @@ impl Job<'_> {
     }
 
     fn resolved(&self, settings: &InvertSettings) -> String {
-        let Flags { mask, surface_albedo, wind_speed, air, .. } = self.flags;
         let resolved = Resolved {
             images: self.images,
             init: &self.init,
-            mask: mask.as_deref(),
-            surface_albedo: *surface_albedo,
-            wind_speed: *wind_speed,
-            air: *air,
+            mask: self.flags.mask.as_deref(),
             settings,
+            light: &self.light,
         };
         toml::to_string(&resolved).expect("plain numbers and text")
     }

@@ -1,8 +1,9 @@
 //! `deepct invert`: the extinction of a cloud from its images, by physics.
 
 use crate::global::Global;
-use crate::inversion::{DEFAULTS, Flags, InvertSettings, Job};
-use crate::{Outcome, config};
+use crate::inversion::{Flags, Job};
+use crate::light::light_of;
+use crate::outcome::Outcome;
 use deepct_core::inversion::Start;
 use deepct_core::io::{read_estimate, read_grid, read_observation};
 use deepct_core::{Error, Result};
@@ -10,8 +11,9 @@ use std::path::PathBuf;
 
 /// Reconstruct the extinction of a cloud whose computed images are those given
 ///
-/// `deepct config invert` prints the settings: what droplets do to light, the solver, the
-/// optimiser and when it stops.
+/// The light is that of the images' file; what a flag states in its place, and what has to be assumed,
+/// is printed. `deepct config invert` prints the settings: the solver, the optimiser and when it
+/// stops.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
     /// Images
@@ -30,21 +32,20 @@ pub(crate) struct Args {
     init: String,
     #[command(flatten)]
     flags: Flags,
-    #[command(flatten)]
-    settings: config::Settings,
 }
 
 pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
-    let settings: InvertSettings = args.settings.resolve(DEFAULTS)?;
-    settings.inversion.check()?;
+    let (settings, given) = args.flags.resolve()?;
     let start = start(&args.init)?;
+    let observation = read_observation(&args.images)?;
     let job = Job {
         quick: false,
         what: "invert",
         images: &args.images,
         flags: &args.flags,
         settings,
-        observation: read_observation(&args.images)?,
+        light: light_of(&observation, &args.images, &given, global.quiet)?,
+        observation,
         grid: read_grid(&args.grid)?,
         start,
         init: args.init.clone(),

@@ -8,6 +8,7 @@ mod cloud;
 mod completions;
 mod config;
 mod dataset;
+mod defaults;
 mod demo;
 mod experiment;
 mod formats;
@@ -16,8 +17,9 @@ mod hybrid;
 mod infer;
 mod inversion;
 mod invert;
+mod light;
 mod man;
-mod optics;
+mod outcome;
 mod plot;
 mod progress;
 mod render;
@@ -28,6 +30,7 @@ mod weights;
 
 use clap::{Parser, Subcommand};
 use global::Global;
+use outcome::Outcome;
 use std::process::ExitCode;
 
 /// Clouds to satellite images, and satellite images to clouds.
@@ -60,15 +63,6 @@ enum Verb {
     Config(config::Args),
     Completions(completions::Args),
     Man(man::Args),
-}
-
-/// How a verb that did not fail ended.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Outcome {
-    /// Done.
-    Success,
-    /// A check that was asked for did not hold.
-    CheckFailed,
 }
 
 fn run(cli: Cli) -> deepct_core::Result<Outcome> {

@@ -1,6 +1,6 @@
 //! `deepct plot`: pictures of volumes and of images.
 
-use crate::Outcome;
+use crate::outcome::Outcome;
 use deepct_core::grid::Volume;
 use deepct_core::io::{read_cloud, read_observation};
 use deepct_core::plot::{contact_sheet, volume_figure};

@@ -1,30 +1,24 @@
 //! `deepct render`: the images of a cloud.
 
-use crate::Outcome;
-use crate::config;
 use crate::global::Global;
-use crate::optics::RenderSettings;
+use crate::light::LightFlags;
+use crate::outcome::Outcome;
 use crate::progress::RenderProgress;
 use deepct_core::image::ViewStack;
 use deepct_core::io::{Provenance, read_cloud, write_exr, write_observation};
-use deepct_core::optics::air::Air;
 use deepct_core::plot::contact_sheet;
-use deepct_core::scene::{
-    Boundary, Observation, Scene, Sun, Surface, VIEW_FILE_HELP, View, ViewList, Waves,
-};
+use deepct_core::scene::{Light, Observation, Scene, VIEW_FILE_HELP, View, ViewList};
 use deepct_core::transport::{
     FluxSettings, Fluxes, MonteCarloSettings, OrdinatesSettings, Rendering, Solver, fluxes, render,
 };
 use deepct_core::{Error, Result};
 use std::path::{Path, PathBuf};
 
-/// The defaults of `render`.
-pub(crate) const DEFAULTS: &str = include_str!("defaults/render.toml");
-
 /// Compute the radiances that each view sees
 ///
-/// `deepct config render` prints the settings: the wavelength, and what droplets do to
-/// light.
+/// The images carry their light (Sun, wavelength, droplet optics, atmosphere, surface) in their
+/// file, where `infer`, `invert`, `hybrid` and `score` read it. `deepct config light` prints every
+/// key of it and its default.
 #[derive(Debug, clap::Args)]
 #[command(after_long_help = VIEW_FILE_HELP)]
 pub(crate) struct Args {
@@ -54,31 +48,14 @@ pub(crate) struct Args {
     /// single clouds, about [default: 0.01]
     #[arg(long, value_name = "SHARE")]
     accuracy: Option<f64>,
-    /// Angle between the zenith and the Sun (degrees)
-    #[arg(long, default_value_t = 30.0, value_name = "DEG", allow_negative_numbers = true)]
-    sun_zenith: f64,
-    /// Azimuth towards the Sun, clockwise from north (degrees)
-    #[arg(long, default_value_t = 45.0, value_name = "DEG", allow_negative_numbers = true)]
-    sun_azimuth: f64,
-    /// Flux of the Sun through a surface normal to its beam; radiances are in its unit
-    /// over steradian
-    #[arg(long, default_value_t = 1.0, value_name = "E", allow_negative_numbers = true)]
-    solar_irradiance: f64,
-    /// Share of the light that the surface at altitude 0 reflects into all directions
-    #[arg(long, default_value_t = Surface::OCEAN.albedo, value_name = "A", allow_negative_numbers = true)]
-    surface_albedo: f64,
-    /// Wind over the sea (m/s): its waves mirror the light besides
-    #[arg(long, value_name = "M/S", allow_negative_numbers = true)]
-    wind_speed: Option<f64>,
-    /// Add the air of the standard atmosphere, which scatters light too
-    #[arg(long)]
-    air: bool,
-    /// Repeat the cloud's grid beyond its sides without end
-    #[arg(long)]
-    periodic: bool,
-    /// Wavelengths (um), in place of the one of the settings; for several of them the
-    /// files have the wavelength in their names, as in I-0.672um.nc
-    #[arg(long, value_name = "UM", value_delimiter = ',')]
+    #[command(flatten)]
+    light: LightFlags,
+    /// Replace one value of the light, such as optics.extinction=mie
+    #[arg(long, value_name = "KEY=VALUE", help_heading = "Light")]
+    set: Vec<String>,
+    /// Wavelength (um); for several of them the files have the wavelength in their names, as in
+    /// I-0.672um.nc [default: 0.672]
+    #[arg(long, value_name = "UM", value_delimiter = ',', help_heading = "Light")]
     wavelength: Vec<f64>,
     /// Also follow this many photons from the Sun [default: 1000000], and print where the
     /// light goes that shines on the top of the cloud's grid
@@ -91,8 +68,6 @@ pub(crate) struct Args {
         value_parser = clap::value_parser!(u64).range(2..)
     )]
     fluxes: Option<u64>,
-    #[command(flatten)]
-    settings: config::Settings,
     /// File of images to write
     #[arg(long, value_name = "I.nc")]
     out: PathBuf,
@@ -120,33 +95,27 @@ const SAMPLES: u32 = 1024;
 const MOST_SAMPLES: u32 = 1 << 24;
 
 pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
-    let settings: RenderSettings = args.settings.resolve(DEFAULTS)?;
+    let light = args.light.describe(&args.set)?;
     args.check_solver()?;
     args.ordinates()?;
     let list = ViewList::find(&args.views)?;
-    let (sun, surface) = (args.sun()?, args.surface()?);
     let cloud = read_cloud(&args.cloud)?;
     let (center, [_, rows, cols]) = (cloud.grid.center(), cloud.grid.shape);
     let views = list.views(center, [rows, cols])?;
     let mut wavelengths = args.wavelength.clone();
     if wavelengths.is_empty() {
-        wavelengths.push(settings.wavelength);
+        wavelengths.push(light.wavelength);
     }
     for &wavelength in &wavelengths {
-        let settings = RenderSettings { wavelength, ..settings.clone() };
-        let medium = settings.medium(cloud.clone()).map_err(Error::in_file(&args.cloud))?;
-        let mut scene = Scene::new(medium, sun, surface)?;
-        if args.air {
-            scene = scene.with_air(Air::new(wavelength)?);
-        }
-        if args.periodic {
-            scene = scene.with_boundary(Boundary::Periodic);
-        }
+        let key = "wavelength".to_owned();
+        let light = light.with_values(&[(key, toml::Value::Float(wavelength))].into())?;
+        let scene = light.scene(&cloud).map_err(Error::in_file(&args.cloud))?;
+        let light = light.recorded(&cloud);
         let name = |path: &Path| match wavelengths.len() {
             1 => path.to_owned(),
             _ => with_wavelength(path, wavelength),
         };
-        if args.image(global, &settings, &scene, views.clone(), &name)? {
+        if args.image(global, &light, &scene, views.clone(), &name)? {
             break;
         }
     }
@@ -195,35 +164,21 @@ impl Args {
         self.accuracy.map_or(Ok(OrdinatesSettings::default()), OrdinatesSettings::with_accuracy)
     }
 
-    fn sun(&self) -> Result<Sun> {
-        let irradiance = self.solar_irradiance;
-        if !(irradiance.is_finite() && irradiance > 0.0) {
-            return Err(Error::out_of_range("solar irradiance", irradiance, "positive"));
-        }
-        Ok(Sun { irradiance, ..Sun::from_degrees(self.sun_zenith, self.sun_azimuth)? })
-    }
-
-    fn surface(&self) -> Result<Surface> {
-        let waves = self.wind_speed.map(Waves::new).transpose()?;
-        Ok(Surface { waves, ..Surface::lambertian(self.surface_albedo) })
-    }
-
     /// Render one scene and write its files; whether the user stopped it.
     fn image(
         &self,
         global: &Global,
-        settings: &RenderSettings,
+        light: &Light,
         scene: &Scene,
         views: Vec<View>,
         name: &dyn Fn(&Path) -> PathBuf,
     ) -> Result<bool> {
         let rendering = self.render(global, scene, &views)?;
-        let provenance = self.provenance(global, settings, &rendering);
+        let provenance = self.provenance(global, light, &rendering);
         let samples = rendering.samples_per_pixel;
         let noise = rendering.standard_error.as_ref();
         let noise = noise.map(|error| relative_noise(&rendering.images, error));
-        let mut observation = Observation::new(scene.sun, views, rendering.images)?;
-        observation.wavelength = settings.wavelength;
+        let mut observation = Observation::new(light.clone(), views, rendering.images)?;
         observation.standard_error = rendering.standard_error;
         let out = name(&self.out);
         write_observation(&out, &observation, &provenance)?;
@@ -326,24 +281,11 @@ struct Resolved<'a> {
     interrupted: bool,
     #[serde(skip_serializing_if = "Option::is_none")]
     similarity_after: Option<u32>,
-    sun_zenith_deg: f64,
-    sun_azimuth_deg: f64,
-    solar_irradiance: f64,
-    surface_albedo: f64,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    wind_speed: Option<f64>,
-    air: bool,
-    #[serde(flatten)]
-    settings: &'a RenderSettings,
+    light: &'a Light,
 }
 
 impl Args {
-    fn provenance(
-        &self,
-        global: &Global,
-        settings: &RenderSettings,
-        rendering: &Rendering,
-    ) -> Provenance {
+    fn provenance(&self, global: &Global, light: &Light, rendering: &Rendering) -> Provenance {
         let resolved = Resolved {
             cloud: &self.cloud,
             views: &self.views,
@@ -355,13 +297,7 @@ impl Args {
             noise: self.noise,
             interrupted: rendering.interrupted,
             similarity_after: self.similarity_after,
-            sun_zenith_deg: self.sun_zenith,
-            sun_azimuth_deg: self.sun_azimuth,
-            solar_irradiance: self.solar_irradiance,
-            surface_albedo: self.surface_albedo,
-            wind_speed: self.wind_speed,
-            air: self.air,
-            settings,
+            light,
         };
         Provenance {
             title: "Images of a cloud".into(),

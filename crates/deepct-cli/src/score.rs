@@ -1,19 +1,19 @@
 //! `deepct score`: how far estimates are from the truth.
 
-use crate::Outcome;
-use crate::config;
+use crate::config::{Values, flattened, single};
 use crate::global::Global;
-use crate::optics::RenderSettings;
+use crate::outcome::Outcome;
 use deepct_core::grid::Volume;
-use deepct_core::io::{read_cloud, read_mask};
+use deepct_core::io::{read_cloud, read_light, read_mask};
 use deepct_core::metrics::{MaskScores, Scores, check_truth, score, score_mask};
+use deepct_core::scene::Light;
 use deepct_core::{Error, Result};
 use std::path::{Path, PathBuf};
 
 /// Compare volumes and masks with the truth, a row per file
 ///
-/// The extinction of a cloud that is known by its droplets follows from the settings of
-/// `deepct config render`: those that the images were rendered with.
+/// The extinction of a cloud that is known by its droplets follows from the light that the first
+/// estimate's file states, or from the default one (`deepct config light`).
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
     /// The true cloud
@@ -25,8 +25,9 @@ pub(crate) struct Args {
     /// Print one JSON array with all scores and profiles
     #[arg(long)]
     json: bool,
-    #[command(flatten)]
-    settings: config::Settings,
+    /// Replace one value of that light, such as optics.extinction=mie
+    #[arg(long, value_name = "KEY=VALUE")]
+    set: Vec<String>,
 }
 
 /// The scores of one file.
@@ -46,13 +47,13 @@ enum Kind {
 }
 
 pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
-    let settings: RenderSettings = args.settings.resolve(crate::render::DEFAULTS)?;
-    let truth = read_extinction(&args.truth, &settings)?;
+    let light = args.light()?;
+    let truth = read_extinction(&args.truth, &light)?;
     check_truth(&truth).map_err(Error::in_file(&args.truth))?;
     let rows = args
         .estimates
         .iter()
-        .map(|file| score_file(&truth, file, &settings))
+        .map(|file| score_file(&truth, file, &light))
         .collect::<Result<Vec<_>>>()?;
     if args.json {
         println!("{}", serde_json::to_string_pretty(&rows).expect("scores are plain numbers"));
@@ -65,13 +66,31 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
     Ok(Outcome::Success)
 }
 
-fn read_extinction(path: &Path, settings: &RenderSettings) -> Result<Volume> {
-    settings.extinction(&read_cloud(path)?).map_err(Error::in_file(path))
+impl Args {
+    /// The light of the images that the estimates were made from.
+    fn light(&self) -> Result<Light> {
+        let mut light = Light::default();
+        for file in &self.estimates {
+            if let Some((stated, _)) = read_light(file)? {
+                light = stated;
+                break;
+            }
+        }
+        let mut values = Values::new();
+        for setting in &self.set {
+            values.extend(flattened(single(setting)?));
+        }
+        light.with_values(&values)
+    }
+}
+
+fn read_extinction(path: &Path, light: &Light) -> Result<Volume> {
+    light.extinction(&read_cloud(path)?).map_err(Error::in_file(path))
 }
 
 /// The scores of a volume, or of a mask where the file holds nothing else.
-fn score_file<'a>(truth: &Volume, file: &'a Path, settings: &RenderSettings) -> Result<Row<'a>> {
-    let scores = match (read_extinction(file, settings), read_mask(file)) {
+fn score_file<'a>(truth: &Volume, file: &'a Path, light: &Light) -> Result<Row<'a>> {
+    let scores = match (read_extinction(file, light), read_mask(file)) {
         (Ok(estimate), _) => score(truth, &estimate).map(Kind::Volume),
         (Err(_), Ok(mask)) => score_mask(truth, &mask).map(Kind::Mask),
         (Err(problem), Err(_)) => Err(problem),

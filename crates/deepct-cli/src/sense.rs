@@ -1,9 +1,9 @@
 //! `deepct sense`: the noise of a sensor.
 
-use crate::Outcome;
 use crate::global::Global;
+use crate::outcome::Outcome;
 use deepct_core::io::{Provenance, read_observation, write_observation};
-use deepct_core::sensor::{Scale, Sensor, sense};
+use deepct_core::sensor::{Exposure, Scale, Sensor, expose};
 use deepct_core::{Error, Result};
 use std::path::{Path, PathBuf};
 
@@ -32,16 +32,10 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
         Some(scale) if scale.is_finite() && scale > 0.0 => Scale::ElectronsPerRadiance(scale),
         Some(scale) => return Err(Error::out_of_range("--scale", scale, "positive and finite")),
     };
-    let mut observation = read_observation(&args.images)?;
-    let sensed = sense(&observation.images, &sensor, scale, global.seed)
-        .map_err(Error::in_file(&args.images))?;
-    observation.standard_error = Some(sensed.standard_error(observation.standard_error.as_ref())?);
-    observation.images = sensed.images;
-    let resolved = Resolved {
-        images: &args.images,
-        electrons_per_radiance: sensed.electrons_per_radiance,
-        sensor,
-    };
+    let clean = read_observation(&args.images)?;
+    let Exposure { observation, electrons_per_radiance } =
+        expose(&clean, &sensor, scale, global.seed).map_err(Error::in_file(&args.images))?;
+    let resolved = Resolved { images: &args.images, electrons_per_radiance, sensor };
     let provenance = Provenance {
         title: "Images with the noise of a sensor".into(),
         configuration: toml::to_string(&resolved).expect("plain numbers and text"),
@@ -49,7 +43,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
     };
     write_observation(&args.out, &observation, &provenance)?;
     if !global.quiet {
-        println!("{:.6e} electrons for a radiance of 1/sr", sensed.electrons_per_radiance);
+        println!("{electrons_per_radiance:.6e} electrons for a radiance of 1/sr");
     }
     Ok(Outcome::Success)
 }

@@ -1,7 +1,7 @@
 //! `deepct validate`: the physics against published and independent results.
 
-use crate::Outcome;
 use crate::global::Global;
+use crate::outcome::Outcome;
 use deepct_core::validation::{Effort, Row, Suite, validate};
 use deepct_core::{Error, Result};
 use std::path::PathBuf;

@@ -1,6 +1,6 @@
 //! `deepct weights`: what weights are for.
 
-use crate::Outcome;
+use crate::outcome::Outcome;
 use deepct_core::Result;
 use deepct_core::io::load_weights;
 use deepct_core::network::{ImageLayout, NetworkOutput, Planes, WeightsMetadata, receptive_field};

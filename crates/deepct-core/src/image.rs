@@ -78,3 +78,14 @@ pub struct ViewGeometry {
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub camera_distance_km: Vec<Option<f64>>,
 }
+
+/// How a stack of images was taken: what a network compares with what it was trained for.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ImagingGeometry {
+    /// Angles of the Sun and the cameras, sizes of pixels.
+    pub views: ViewGeometry,
+    /// The point x, y, z (km) that the middle of every image shows.
+    pub target_km: [f64; 3],
+    /// Wavelength (um).
+    pub wavelength_um: f64,
+}

@@ -17,24 +17,23 @@
 //! use deepct_core::cloud::{CumulusSettings, cumulus};
 //! use deepct_core::metrics::score;
 //! use deepct_core::network::Network;
-//! use deepct_core::optics::{Medium, extinction};
-//! use deepct_core::scene::{Formation, Observation, Scene, Sun, Surface};
+//! use deepct_core::optics::extinction;
+//! use deepct_core::scene::{Formation, Light, Observation};
 //! use deepct_core::sensor::{Scale, Sensor, sense};
 //! use deepct_core::transport::{Solver, render};
 //!
 //! let seed = 1;
 //! let cloud = cumulus(&CumulusSettings::default(), seed)?;
-//! let sun = Sun::default();
-//! let scene = Scene::new(Medium::from_cloud(&cloud)?, sun, Surface::OCEAN)?;
+//! let light = Light::default();
+//! let scene = light.scene(&cloud)?;
 //! let views = Formation::cloudct_10().views(cloud.grid.center(), [32, 32])?;
 //! let radiance = render(&scene, &views, &Solver::default(), &())?.images;
 //! let noisy = sense(&radiance, &Sensor::CMV4000, Scale::BrightestAtFullWell, seed)?.images;
 //!
-//! let observation = Observation::new(sun, views, noisy)?;
+//! let observation = Observation::new(light, views, noisy)?;
 //! let mask = carve(&observation, &cloud.grid, &CarveSettings::default())?.mask;
 //! let network = Network::new(&deepct_core::io::load_weights("cloudct-10")?)?;
-//! let target = cloud.grid.center();
-//! let mut estimate = network.infer(&observation.images, [target.x, target.y])?;
+//! let mut estimate = network.infer(&observation.images, &observation.imaging_geometry()?)?;
 //! mask.apply(&mut estimate)?;
 //!
 //! // Nothing at all would score 1.
@@ -50,6 +49,7 @@ pub mod dataset;
 pub mod error;
 #[cfg(all(feature = "files", feature = "plot"))]
 pub mod experiment;
+mod files;
 pub mod grid;
 pub mod image;
 pub mod inversion;

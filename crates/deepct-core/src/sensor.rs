@@ -8,6 +8,7 @@
 use crate::error::{Error, Result};
 use crate::image::ViewStack;
 use crate::rng::{Purpose, Stream, stream};
+use crate::scene::Observation;
 use rand_distr::{Distribution, Normal, Poisson};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -106,10 +107,7 @@ impl Sensor {
     pub fn from_file(path: &Path) -> Result<Self> {
         let remedy = "give full_well, read_noise (electrons), dark_current (electrons/s), bits, \
                       exposure (s) and pixel_pitch (um)";
-        let text = std::fs::read_to_string(path).map_err(Error::io(path))?;
-        let sensor: Self = toml::from_str(&text).map_err(|problem| {
-            Error::file(path, "sensor", problem.message().replace('\n', " "), remedy)
-        })?;
+        let sensor: Self = crate::files::read_toml(path, "sensor", remedy)?;
         sensor
             .check()
             .map_err(|problem| Error::file(path, "sensor", problem.to_string(), remedy))?;
@@ -177,6 +175,27 @@ impl Sensor {
         let counts = (signal / gain).round().clamp(0.0, f64::from((1_u32 << self.bits) - 1));
         counts * gain - self.dark_charge()
     }
+}
+
+/// An observation through a sensor.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Exposure {
+    /// The noisy images, with the standard error of each pixel.
+    pub observation: Observation,
+    /// [`Sensed::electrons_per_radiance`].
+    pub electrons_per_radiance: f64,
+}
+
+/// The images of an observation as a sensor sees them, see [`sense`]. Their standard error is that of
+/// the sensor and, where it is known, that of the images before.
+///
+/// # Errors
+/// As [`sense`].
+pub fn expose(clean: &Observation, sensor: &Sensor, scale: Scale, seed: u64) -> Result<Exposure> {
+    let sensed = sense(&clean.images, sensor, scale, seed)?;
+    let standard_error = Some(sensed.standard_error(clean.standard_error.as_ref())?);
+    let observation = Observation { images: sensed.images, standard_error, ..clean.clone() };
+    Ok(Exposure { observation, electrons_per_radiance: sensed.electrons_per_radiance })
 }
 
 /// What `sensor` makes of images without noise. The result depends on `seed` and not

@@ -6,7 +6,7 @@ use crate::grid::Grid;
 use crate::view::ViewSequence;
 use deepct_core::carve::CarveSettings;
 use deepct_core::image::ViewStack;
-use deepct_core::scene::{Observation, Sun};
+use deepct_core::scene::{Light, Observation};
 use numpy::PyArray3;
 use pyo3::prelude::*;
 
@@ -67,7 +67,7 @@ pub(crate) fn carve(
         .detach(|| {
             // Carving does not ask where the light came from.
             let images = ViewStack::new(radiance)?;
-            let observation = Observation::new(Sun::default(), views.0, images)?;
+            let observation = Observation::new(Light::default(), views.0, images)?;
             deepct_core::carve::carve(&observation, &grid.0, &settings)
         })
         .map_err(raise)?;

@@ -4,8 +4,9 @@ use crate::array::{Floats, IMAGES, VOLUME, booleans, give};
 use crate::cloud::read;
 use crate::error::raise;
 use crate::grid::Grid;
+use crate::light::{Light, or_default};
 use crate::network::Network;
-use crate::view::{Sun, ViewSequence};
+use crate::view::ViewSequence;
 use deepct_core::Result;
 use deepct_core::carve::{CarveSettings, carve};
 use deepct_core::grid::{Mask, Volume};
@@ -14,15 +15,12 @@ use deepct_core::inversion::{
     self, InversionSettings, OrdinatesModels, Problem, Start, network_grid,
 };
 use deepct_core::network::Estimate;
-use deepct_core::optics::air::Air;
-use deepct_core::optics::{DropletSettings, DropletTable, Medium, PhaseFunction};
-use deepct_core::scene::{self, Observation, Scene, Surface};
+use deepct_core::scene::Observation;
 use deepct_core::transport::OrdinatesSettings;
 use numpy::PyArray3;
 use numpy::ndarray::Array3;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use std::sync::Arc;
 
 /// What an inversion came to.
 ///
@@ -51,11 +49,6 @@ struct Request {
     observation: Observation,
     mask: Option<Array3<bool>>,
     truth: Option<Array3<f32>>,
-    asymmetry: f64,
-    single_scattering_albedo: f64,
-    surface_albedo: f64,
-    effective_radius: Option<f32>,
-    air: bool,
     settings: InversionSettings,
 }
 
@@ -69,24 +62,7 @@ impl Request {
     }
 
     fn models(&self, grid: deepct_core::grid::Grid) -> Result<OrdinatesModels> {
-        let nothing = Volume::constant(grid, 0.0);
-        let wavelength = self.observation.wavelength;
-        let medium = match self.effective_radius {
-            None => {
-                let phase_function = PhaseFunction::henyey_greenstein(self.asymmetry)?;
-                Medium::new(nothing, self.single_scattering_albedo, phase_function)?
-            }
-            Some(radius) => {
-                let water = DropletSettings::water(wavelength);
-                let table = DropletTable::mie(&water, &[f64::from(radius)])?;
-                let radii = Array3::from_elem(grid.shape, radius);
-                Medium::of_droplets(nothing, radii, Arc::new(table))?
-            }
-        };
-        let surface = Surface::lambertian(self.surface_albedo);
-        let scene = Scene::new(medium, self.observation.sun, surface)?;
-        let air = if self.air { Some(Air::new(wavelength)?) } else { None };
-        let scene = Scene { air, ..scene };
+        let scene = self.observation.light.scene_of(Volume::constant(grid, 0.0))?;
         let views = self.observation.views.clone();
         Ok(OrdinatesModels::new(scene, views, OrdinatesSettings::default()))
     }
@@ -120,8 +96,8 @@ type Answer = inversion::Reconstruction;
 ///     How they were taken, one for each image.
 /// grid : Grid
 ///     Where the voxels are.
-/// sun : Sun, optional
-///     Zenith 30 and azimuth 45 degrees where it is not given.
+/// light : Light, optional
+///     The light that they were taken in.
 /// start : float, array [z, y, x] or "auto"
 ///     Extinction (1/km) to start from; "auto" takes the number that fits the images best.
 /// mask : array of bool, [z, y, x], optional
@@ -130,19 +106,6 @@ type Answer = inversion::Reconstruction;
 ///     Standard error of each pixel (1/sr).
 /// truth : array, [z, y, x], optional
 ///     The true extinction: the history then tells how far each step is from it.
-/// asymmetry : float
-///     Asymmetry parameter of the Henyey-Greenstein phase function, in (-1, 1).
-/// single_scattering_albedo : float
-///     Probability that an interaction scatters and does not absorb.
-/// surface_albedo : float
-///     Share of the flux that the Lambertian surface at altitude 0 reflects.
-/// effective_radius : float, optional
-///     Effective radius of all droplets (um): they scatter by Mie's theory, in place of
-///     `asymmetry` and `single_scattering_albedo`.
-/// air : bool
-///     Whether there is the air of the standard atmosphere.
-/// wavelength_um : float
-///     Wavelength of the images (um), for droplets and air.
 /// settings
 ///     Keywords: the settings that `deepct config invert` prints under `[inversion]`, such
 ///     as `iterations`.
@@ -159,9 +122,8 @@ type Answer = inversion::Reconstruction;
 ///     Arrays that do not fit each other, a number out of range.
 #[pyfunction]
 #[pyo3(signature = (
-    radiance, views, grid, sun = None, *, start = None, mask = None, standard_error = None,
-    truth = None, asymmetry = 0.86, single_scattering_albedo = 1.0, surface_albedo = 0.05,
-    effective_radius = None, air = false, wavelength_um = 0.672, **settings,
+    radiance, views, grid, light = None, *, start = None, mask = None, standard_error = None,
+    truth = None, **settings,
 ))]
 // Keywords with defaults on the side that users see.
 #[allow(clippy::too_many_arguments)]
@@ -170,28 +132,17 @@ pub(crate) fn invert(
     radiance: &Bound<'_, PyAny>,
     views: ViewSequence,
     grid: Grid,
-    sun: Option<Sun>,
+    light: Option<Light>,
     start: Option<&Bound<'_, PyAny>>,
     mask: Option<&Bound<'_, PyAny>>,
     standard_error: Option<&Bound<'_, PyAny>>,
     truth: Option<&Bound<'_, PyAny>>,
-    asymmetry: f64,
-    single_scattering_albedo: f64,
-    surface_albedo: f64,
-    effective_radius: Option<f32>,
-    air: bool,
-    wavelength_um: f64,
     settings: Option<&Bound<'_, PyDict>>,
 ) -> PyResult<Reconstruction> {
     let request = Request {
-        observation: observation(radiance, views, sun, standard_error, wavelength_um)?,
+        observation: observation(radiance, views, light, standard_error)?,
         mask: mask.map(|mask| booleans(mask, "mask", VOLUME)).transpose()?,
         truth: optional(truth, "truth")?,
-        asymmetry,
-        single_scattering_albedo,
-        surface_albedo,
-        effective_radius,
-        air,
         settings: keywords(py, settings)?,
     };
     let start = match start {
@@ -223,14 +174,13 @@ pub(crate) fn invert(
 ///     How they were taken, one for each image.
 /// network : Network
 ///     The network; the answer is on `network.grid(views)`.
-/// sun : Sun, optional
-///     Zenith 30 and azimuth 45 degrees where it is not given.
+/// light : Light, optional
+///     The light that they were taken in.
 /// quick : bool
 ///     Take 12 steps only, corrected once by the accurate solver.
 /// mask : array of bool, [z, y, x], optional
 ///     Where cloud is looked for; carved from the images where it is not given.
-/// standard_error, truth, asymmetry, single_scattering_albedo, surface_albedo, effective_radius,
-/// air, wavelength_um, settings
+/// standard_error, truth, settings
 ///     As in `invert`.
 ///
 /// Returns
@@ -246,10 +196,8 @@ pub(crate) fn invert(
 ///     number out of range.
 #[pyfunction]
 #[pyo3(signature = (
-    radiance, views, network, sun = None, *, quick = false, mask = None,
-    standard_error = None, truth = None, asymmetry = 0.86, single_scattering_albedo = 1.0,
-    surface_albedo = 0.05, effective_radius = None, air = false, wavelength_um = 0.672,
-    **settings,
+    radiance, views, network, light = None, *, quick = false, mask = None, standard_error = None,
+    truth = None, **settings,
 ))]
 #[allow(clippy::too_many_arguments)]
 pub(crate) fn hybrid(
@@ -257,28 +205,17 @@ pub(crate) fn hybrid(
     radiance: &Bound<'_, PyAny>,
     views: ViewSequence,
     network: &Network,
-    sun: Option<Sun>,
+    light: Option<Light>,
     quick: bool,
     mask: Option<&Bound<'_, PyAny>>,
     standard_error: Option<&Bound<'_, PyAny>>,
     truth: Option<&Bound<'_, PyAny>>,
-    asymmetry: f64,
-    single_scattering_albedo: f64,
-    surface_albedo: f64,
-    effective_radius: Option<f32>,
-    air: bool,
-    wavelength_um: f64,
     settings: Option<&Bound<'_, PyDict>>,
 ) -> PyResult<Reconstruction> {
     let mut request = Request {
-        observation: observation(radiance, views, sun, standard_error, wavelength_um)?,
+        observation: observation(radiance, views, light, standard_error)?,
         mask: mask.map(|mask| booleans(mask, "mask", VOLUME)).transpose()?,
         truth: optional(truth, "truth")?,
-        asymmetry,
-        single_scattering_albedo,
-        surface_albedo,
-        effective_radius,
-        air,
         settings: keywords(py, settings)?,
     };
     if quick {
@@ -300,15 +237,13 @@ pub(crate) fn hybrid(
 fn observation(
     radiance: &Bound<'_, PyAny>,
     views: ViewSequence,
-    sun: Option<Sun>,
+    light: Option<Light>,
     standard_error: Option<&Bound<'_, PyAny>>,
-    wavelength_um: f64,
 ) -> PyResult<Observation> {
     let images = ViewStack::new(Floats::new(radiance, "radiance", IMAGES)?.to_owned());
-    let sun = sun.map_or_else(scene::Sun::default, |sun| sun.0);
+    let light = or_default(light);
     let mut observation =
-        images.and_then(|images| Observation::new(sun, views.0, images)).map_err(raise)?;
-    observation.wavelength = wavelength_um;
+        images.and_then(|images| Observation::new(light, views.0, images)).map_err(raise)?;
     if let Some(errors) = standard_error {
         let errors = Floats::new(errors, "standard_error", IMAGES)?.to_owned();
         observation.standard_error = Some(ViewStack::new(errors).map_err(raise)?);

@@ -10,6 +10,7 @@ mod cloud;
 mod error;
 mod grid;
 mod invert;
+mod light;
 mod network;
 mod render;
 mod score;
@@ -32,6 +33,8 @@ mod _deepct {
     #[pymodule_export]
     use crate::invert::{Reconstruction, hybrid, invert};
     #[pymodule_export]
+    use crate::light::Light;
+    #[pymodule_export]
     use crate::network::Network;
     #[pymodule_export]
     use crate::render::{Rendering, render};
@@ -40,5 +43,5 @@ mod _deepct {
     #[pymodule_export]
     use crate::sense::{Sensed, Sensor, sense};
     #[pymodule_export]
-    use crate::view::{Sun, View, Views};
+    use crate::view::{View, Views};
 }

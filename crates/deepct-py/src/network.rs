@@ -3,10 +3,11 @@
 use crate::array::{Floats, IMAGES, VOLUME, booleans, give};
 use crate::error::raise;
 use crate::grid::Grid;
-use crate::view::{Sun, ViewSequence};
+use crate::light::{Light, or_default};
+use crate::view::ViewSequence;
 use deepct_core::grid::Mask;
 use deepct_core::image::ViewStack;
-use deepct_core::scene::{self, Observation, View, target};
+use deepct_core::scene::{Observation, View, target};
 use deepct_core::{Result, io, network};
 use numpy::PyArray3;
 use pyo3::prelude::*;
@@ -64,12 +65,10 @@ impl Network {
     ///     Images (1/sr).
     /// views : Views or sequence of View
     ///     How they were taken.
-    /// sun : Sun, optional
-    ///     Zenith 30 and azimuth 45 degrees where it is not given.
+    /// light : Light, optional
+    ///     The light that they were taken in; Sun and wavelength count.
     /// mask : array of bool, [z, y, x], optional
     ///     Extinction is set to zero outside, such as outside what `carve` keeps.
-    /// wavelength_um : float
-    ///     Wavelength of the images (um).
     ///
     /// Returns
     /// -------
@@ -81,17 +80,16 @@ impl Network {
     /// ValueError
     ///     Images that are not what the weights are for, with the number that differs; a
     ///     mask of another shape.
-    #[pyo3(signature = (radiance, views, sun = None, *, mask = None, wavelength_um = 0.672))]
+    #[pyo3(signature = (radiance, views, light = None, *, mask = None))]
     fn infer(
         &self,
         py: Python<'_>,
         radiance: &Bound<'_, PyAny>,
         views: ViewSequence,
-        sun: Option<Sun>,
+        light: Option<Light>,
         mask: Option<&Bound<'_, PyAny>>,
-        wavelength_um: f64,
     ) -> PyResult<Field> {
-        let estimate = self.estimate(py, radiance, views, sun, mask, wavelength_um)?;
+        let estimate = self.estimate(py, radiance, views, light, mask)?;
         Ok(estimate.0)
     }
 
@@ -104,26 +102,23 @@ impl Network {
     /// uncertainty : numpy.ndarray, float32, [z, y, x], or None
     ///     Expected absolute error of the extinction of each voxel (1/km), where the weights
     ///     tell it.
-    #[pyo3(signature = (radiance, views, sun = None, *, mask = None, wavelength_um = 0.672))]
+    #[pyo3(signature = (radiance, views, light = None, *, mask = None))]
     fn estimate(
         &self,
         py: Python<'_>,
         radiance: &Bound<'_, PyAny>,
         views: ViewSequence,
-        sun: Option<Sun>,
+        light: Option<Light>,
         mask: Option<&Bound<'_, PyAny>>,
-        wavelength_um: f64,
     ) -> PyResult<(Field, Option<Field>)> {
         let radiance = Floats::new(radiance, "radiance", IMAGES)?.to_owned();
         let mask = mask.map(|mask| booleans(mask, "mask", VOLUME)).transpose()?;
-        let sun = sun.map_or_else(scene::Sun::default, |sun| sun.0);
+        let light = or_default(light);
         let estimate = py
             .detach(|| {
-                let observation = Observation::new(sun, views.0, ViewStack::new(radiance)?)?;
-                let target = target(&observation.views)?;
-                let metadata = self.0.metadata();
-                metadata.check_images(&observation.geometry(), target.z, wavelength_um)?;
-                let mut estimate = self.0.estimate(&observation.images, [target.x, target.y])?;
+                let observation = Observation::new(light, views.0, ViewStack::new(radiance)?)?;
+                let geometry = observation.imaging_geometry()?;
+                let mut estimate = self.0.estimate(&observation.images, &geometry)?;
                 if let Some(mask) = mask {
                     let mask = Mask::new(estimate.extinction.grid, mask)?;
                     mask.apply(&mut estimate.extinction)?;

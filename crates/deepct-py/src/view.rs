@@ -1,4 +1,4 @@
-//! `View`, `Views` and `Sun`: where the cameras are and where the light comes from.
+//! `View` and `Views`: where the cameras are.
 
 use crate::error::raise;
 use deepct_core::math::towards;
@@ -11,44 +11,6 @@ use pyo3::types::{PyIterator, PyTuple};
 use std::path::PathBuf;
 
 type Point = (f64, f64, f64);
-
-/// The Sun: a beam of parallel light of unit irradiance.
-///
-/// Parameters
-/// ----------
-/// zenith_deg : float
-///     Angle between +z and the Sun (degrees), in [0, 90).
-/// azimuth_deg : float
-///     Azimuth towards the Sun, clockwise from north (degrees).
-#[pyclass(frozen, eq, from_py_object, module = "deepct_py")]
-#[derive(Clone, Copy, PartialEq)]
-pub(crate) struct Sun(pub(crate) scene::Sun);
-
-#[pymethods]
-impl Sun {
-    #[new]
-    #[pyo3(signature = (zenith_deg = 30.0, azimuth_deg = 45.0))]
-    fn new(zenith_deg: f64, azimuth_deg: f64) -> PyResult<Self> {
-        scene::Sun::from_degrees(zenith_deg, azimuth_deg).map(Self).map_err(raise)
-    }
-
-    /// Angle between +z and the Sun (degrees).
-    #[getter]
-    fn zenith_deg(&self) -> f64 {
-        self.0.zenith.to_degrees()
-    }
-
-    /// Azimuth towards the Sun, clockwise from north (degrees).
-    #[getter]
-    fn azimuth_deg(&self) -> f64 {
-        self.0.azimuth.to_degrees()
-    }
-
-    fn __repr__(&self) -> String {
-        let (zenith, azimuth) = (self.zenith_deg(), self.azimuth_deg());
-        format!("Sun(zenith_deg={zenith:.6}, azimuth_deg={azimuth:.6})")
-    }
-}
 
 /// A camera that looks at a target: row grows to the north and column to the east.
 ///

@@ -29,14 +29,20 @@ def views(grid):
 
 
 @pytest.fixture(scope="session")
-def command_line():
-    """Run the command line and give back what it printed."""
+def command_line_run():
+    """Run the command line; what came of it, with what it printed."""
     program = shutil.which("deepct")
     if program is None:
         pytest.fail("`deepct` is not on the PATH: build it, or run the tests by run_tests.sh")
 
     def run(*arguments):
         arguments = [program, *map(str, arguments)]
-        return subprocess.run(arguments, check=True, capture_output=True, text=True).stdout
+        return subprocess.run(arguments, check=True, capture_output=True, text=True)
 
     return run
+
+
+@pytest.fixture(scope="session")
+def command_line(command_line_run):
+    """Run the command line and give back what it printed."""
+    return lambda *arguments: command_line_run(*arguments).stdout

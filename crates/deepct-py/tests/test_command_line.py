@@ -58,8 +58,8 @@ def test_images(files, cloud, cloud_views):
     images = deepct_py.render(*scene, samples_per_pixel=4, seed=5).radiance
     assert images.max() > 0.05
     assert np.array_equal(images, read(files["images"], "radiance"))
-    sun = deepct_py.Sun(70.0, 260.0)
-    evening = deepct_py.render(*scene, sun, surface_albedo=0.3, samples_per_pixel=2, seed=5)
+    light = deepct_py.Light(sun_zenith_deg=70.0, sun_azimuth_deg=260.0, surface_albedo=0.3)
+    evening = deepct_py.render(*scene, light, samples_per_pixel=2, seed=5)
     assert np.array_equal(evening.radiance, read(files["evening"], "radiance"))
     stored = read(files["evening"], "radiance_standard_error")
     assert np.array_equal(evening.standard_error, stored)
@@ -91,3 +91,29 @@ def test_volumes_and_their_scores(files, cloud, cloud_views, command_line):
     for name in ("relative_error", "mass_error", "root_mean_square_error", "correlation"):
         assert row[name] == getattr(scores, name) != 0.0
     assert [level["truth"] for level in row["profile"]] == scores.truth_by_level.tolist()
+
+
+def test_the_light_of_a_file(files, cloud, cloud_views):
+    """A file of images has the light that a renderer in Python is given."""
+    xarray = pytest.importorskip("xarray")
+    light = deepct_py.Light(sun_zenith_deg=70.0, sun_azimuth_deg=260.0, surface_albedo=0.3)
+    with xarray.open_dataset(files["evening"]) as dataset:
+        assert deepct_py.Light.from_dataset(dataset) == light
+        with pytest.warns(UserWarning, match="does not state air, surface_albedo"):
+            sun_only = deepct_py.Light.from_dataset(dataset.drop_vars("light"))
+    assert sun_only == light.replace(surface_albedo=0.05)
+
+
+def test_images_that_state_sun_and_wavelength_only(files, tmp_path, command_line_run):
+    """What an inversion has to assume is said, and so is what contradicts the file."""
+    images = tmp_path / "instrument.nc"
+    images.write_bytes(files["noisy"].read_bytes())
+    with h5py.File(images, "a") as file:
+        del file["light"]
+    invert = ("invert", images, "--grid", files["cloud"], "--iterations", 0, "--init", 5.0,
+              "--set", "inversion.coarse=[]", "--out", tmp_path / "V.nc")
+    said = command_line_run(*invert).stderr
+    assert "does not state all of its light; assumed: air = false" in said and "--light" in said
+    assert "warning" not in said
+    said = command_line_run(*invert, "--air", "--sun-zenith", 20).stderr
+    assert "air =" not in said and "sun_zenith_deg is 30.0 in" in said

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import deepct_py
-from deepct_py import Grid, Sun, View, Views
+from deepct_py import Grid, Light, View, Views
 
 EARTH_RADIUS = 6371.0
 
@@ -94,13 +94,13 @@ def test_impossible_geometry_is_refused():
         lambda: Grid((0, 1, 1), (1.0, 1.0, 1.0)),
         lambda: Grid((1, 1, 1), (1.0, -1.0, 1.0)),
         lambda: Grid((1 << 20, 1 << 20, 1 << 20), (1.0, 1.0, 1.0)),
-        lambda: Sun(zenith_deg=90.0),
-        lambda: Sun(azimuth_deg=float("nan")),
+        lambda: Light(sun_zenith_deg=90.0),
+        lambda: Light(sun_azimuth_deg=float("nan")),
         lambda: View.orthographic(100.0, 0.0, (0.0, 0.0, 0.0), 0.05),
         lambda: Views.load("cloudct-11", target=(0.0, 0.0, 0.0)),
         lambda: Views.string_of_pearls((0.0, 0.0, 0.0), 600.0, 100.0, 0, 40),
     ]:
         with pytest.raises(ValueError):
             wrong()
-    assert Sun() == Sun(30.0, 45.0)
+    assert Light() == Light(sun_zenith_deg=30.0, sun_azimuth_deg=45.0)
     assert issubclass(deepct_py.DeepctError, Exception)

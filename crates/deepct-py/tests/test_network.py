@@ -12,15 +12,15 @@ CHANNELS = [10, 12, 9, 8]
 INPUT_SCALE, OUTPUT_SCALE = 10.0, 3.0
 
 
-def save(path, views, sun, layers, drop=()):
+def save(path, views, light, layers, drop=()):
     """A weights file: safetensors, written by hand."""
     metadata = {
         "format_version": 1,
         "formation": "cloudct-10",
         "architecture": {"channels": CHANNELS, "last_relu": True},
         "view_geometry": {
-            "sun_zenith_deg": sun.zenith_deg,
-            "sun_azimuth_deg": sun.azimuth_deg,
+            "sun_zenith_deg": light.sun_zenith_deg,
+            "sun_azimuth_deg": light.sun_azimuth_deg,
             "view_zenith_deg": views.zenith_deg.tolist(),
             "view_azimuth_deg": views.azimuth_deg.tolist(),
             "pixel_km": views.pixel_km.tolist(),
@@ -74,8 +74,8 @@ def layers():
 
 
 @pytest.fixture
-def sun():
-    return deepct_py.Sun()
+def light():
+    return deepct_py.Light()
 
 
 @pytest.fixture
@@ -84,12 +84,12 @@ def radiance():
 
 
 @pytest.fixture
-def network(tmp_path, views, sun, layers):
-    return deepct_py.Network.load(save(tmp_path / "w.safetensors", views, sun, layers))
+def network(tmp_path, views, light, layers):
+    return deepct_py.Network.load(save(tmp_path / "w.safetensors", views, light, layers))
 
 
-def test_inference_is_that_of_numpy(network, layers, radiance, views, sun, grid):
-    extinction = network.infer(radiance, views, sun)
+def test_inference_is_that_of_numpy(network, layers, radiance, views, light, grid):
+    extinction = network.infer(radiance, views, light)
     values = radiance.astype(np.float64) * INPUT_SCALE
     for weight, bias in layers:
         values = convolve(values, weight, bias)
@@ -110,7 +110,8 @@ def test_an_estimate_tells_its_uncertainty(network, radiance, views, grid):
     cloud = deepct_py.generate_cloud(seed=3)
     views = deepct_py.Views.load("cloudct-10", cloud.grid.center)
     images = deepct_py.render(
-        cloud.extinction, cloud.grid, views, solver="ordinates", effective_radius=10.0, air=True
+        cloud.extinction, cloud.grid, views,
+        deepct_py.Light(phase="mie", effective_radius=10.0, air=True), solver="ordinates",
     ).radiance
     extinction, uncertainty = built_in.estimate(images, views)
     assert uncertainty.shape == extinction.shape and uncertainty.min() >= 0.0
@@ -138,9 +139,9 @@ def test_images_of_another_geometry_are_refused(network, radiance, views, grid):
     higher = deepct_py.Views.load("cloudct-10", (0.4, 0.4, 1.5), size=(16, 16))
     for message, wrong in [
         ("zenith", lambda: network.infer(radiance, others)),
-        ("solar zenith", lambda: network.infer(radiance, views, deepct_py.Sun(50.0))),
+        ("solar zenith", lambda: network.infer(radiance, views, deepct_py.Light(sun_zenith_deg=50.0))),
         ("altitude", lambda: network.infer(radiance, higher)),
-        ("wavelength", lambda: network.infer(radiance, views, wavelength_um=0.5)),
+        ("wavelength", lambda: network.infer(radiance, views, deepct_py.Light(wavelength=0.5))),
         ("number of views", lambda: network.infer(radiance[1:], views)),
         ("target of view 9", lambda: network.grid([*list(views)[:9], higher[0]])),
     ]:
@@ -148,8 +149,8 @@ def test_images_of_another_geometry_are_refused(network, radiance, views, grid):
             wrong()
 
 
-def test_a_file_without_a_layer_is_refused(tmp_path, views, sun, layers):
-    path = save(tmp_path / "w.safetensors", views, sun, layers, drop=("layers.1.bias",))
+def test_a_file_without_a_layer_is_refused(tmp_path, views, light, layers):
+    path = save(tmp_path / "w.safetensors", views, light, layers, drop=("layers.1.bias",))
     with pytest.raises(deepct_py.DeepctError, match=r"w.safetensors: layers.1.bias"):
         deepct_py.Network.load(path)
     with pytest.raises(deepct_py.DeepctError, match="no such file"):

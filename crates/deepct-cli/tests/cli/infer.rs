@@ -49,7 +49,7 @@ fn weights(observation: &Observation, image_layout: ImageLayout) -> Weights {
         architecture,
         view_geometry: observation.geometry(),
         target_altitude_km: TARGET.z,
-        wavelength_um: observation.wavelength,
+        wavelength_um: observation.light.wavelength,
         image_layout,
         horizontal_spacing_km: [0.05, 0.05],
         levels: Levels { bottom_km: 0.88, count: 6, spacing_km: 0.04 },
@@ -85,7 +85,8 @@ fn the_answer_is_that_of_the_library() {
     program.succeed("infer N.nc --weights W.safetensors --out V.nc");
     let volume = read_volume(program.path("V.nc")).unwrap();
     let network = Network::new(&weights).unwrap();
-    let expected = network.infer(&observation.images, [TARGET.x, TARGET.y]).unwrap();
+    let expected =
+        network.infer(&observation.images, &observation.imaging_geometry().unwrap()).unwrap();
     assert!(volume.grid.matches(&expected.grid));
     assert_eq!(volume.values, expected.values);
     assert!(volume.values.iter().any(|value| *value > 0.0));
@@ -105,7 +106,7 @@ fn images_are_laid_on_the_planes_of_the_weights() {
     let volume = read_volume(program.path("V.nc")).unwrap();
     let infer = |weights: &Weights| {
         let network = Network::new(weights).unwrap();
-        network.infer(&observation.images, [TARGET.x, TARGET.y]).unwrap()
+        network.infer(&observation.images, &observation.imaging_geometry().unwrap()).unwrap()
     };
     assert_eq!(volume, infer(&weights));
     assert!(volume.values != infer(&camera).values);
@@ -127,7 +128,8 @@ fn an_uncertainty_is_written_beside_the_extinction() {
     write_weights(program.path("U.safetensors"), &weights).unwrap();
     let text = program.succeed("infer N.nc --weights U.safetensors --out V.nc");
     let network = Network::new(&weights).unwrap();
-    let expected = network.estimate(&observation.images, [TARGET.x, TARGET.y]).unwrap();
+    let expected =
+        network.estimate(&observation.images, &observation.imaging_geometry().unwrap()).unwrap();
     let written = read_estimate(program.path("V.nc")).unwrap();
     assert_eq!(written.extinction.values, expected.extinction.values);
     let uncertainty = written.uncertainty.unwrap().values;
@@ -151,7 +153,8 @@ fn a_mask_clears_what_is_outside() {
     let program = Program::new();
     let (observation, weights) = files(&program);
     let network = Network::new(&weights).unwrap();
-    let whole = network.infer(&observation.images, [TARGET.x, TARGET.y]).unwrap();
+    let whole =
+        network.infer(&observation.images, &observation.imaging_geometry().unwrap()).unwrap();
     let inside = Array3::from_shape_fn(whole.grid.shape, |(k, j, i)| (k + j + i) % 2 == 0);
     let mask = Mask::new(whole.grid, inside).unwrap();
     write_mask(program.path("M.nc"), &mask, &provenance()).unwrap();

@@ -1,7 +1,9 @@
 use crate::program::Program;
 use deepct_core::cloud::Cloud;
 use deepct_core::grid::{Grid, Volume};
-use deepct_core::io::{Provenance, read_mask, read_volume, write_cloud};
+use deepct_core::io::{
+    Provenance, read_light, read_mask, read_observation, read_volume, write_cloud,
+};
 use deepct_core::math::DVec3;
 use deepct_core::metrics::relative_error;
 
@@ -44,6 +46,42 @@ fn an_inversion_comes_near_the_truth_and_leaves_nothing_but_its_answer() {
     program.succeed("score --truth C.nc V.nc W.nc");
 }
 
+/// The truth explains its images in the light of their file, which nobody repeats; what contradicts it
+/// is said.
+#[test]
+fn the_light_travels_with_the_images() {
+    let program = Program::new();
+    ball(&program);
+    let light = "sun_zenith_deg = 40.0\nair = true\nwavelength = 0.55\nsurface_albedo = 0.2\n\
+                 wind_speed = 4.0\n[optics]\nphase = \"mie\"\neffective_radius = 7.0\n";
+    std::fs::write(program.path("L.toml"), light).unwrap();
+    let render = "render C.nc --views cloudct-10 --solver ordinates --light L.toml --out I.nc";
+    program.succeed(&format!("{render} --sun-azimuth 100"));
+    let stated = read_observation(program.path("I.nc")).unwrap().light;
+    assert_eq!(stated.values()["sun_azimuth_deg"].as_float(), Some(100.0));
+    assert_eq!(stated.values()["optics.effective_radius"].as_float(), Some(7.0));
+    let misfit = |more: &str| {
+        let run = program.run(&format!(
+            "invert I.nc --grid C.nc --init C.nc --mask M.nc --iterations 0 --out V.nc {more}"
+        ));
+        assert_eq!(run.code, 0, "{}", run.stderr);
+        let line = run.stdout.lines().find_map(|line| line.strip_prefix("misfit"));
+        (line.unwrap().trim().parse::<f64>().unwrap(), run.stderr)
+    };
+    program.succeed("carve I.nc --grid C.nc --agreement 0.1 --out M.nc");
+    let (same, said) = misfit("");
+    assert!(same < 0.1 && !said.contains("warning"), "{same} {said}");
+    let (other, said) = misfit("--surface-albedo 0.05");
+    assert!(other > 1.0, "{other}");
+    assert!(said.contains("surface_albedo is 0.2 in I.nc, but 0.05 was given"), "{said}");
+    assert!(misfit("--air=false").0 > 1.0 && misfit("--effective-radius 12").0 > 1.5 * same);
+    let estimate = read_light(program.path("V.nc")).unwrap().unwrap().0;
+    assert_eq!(estimate.optics.effective_radius, Some(12.0));
+    program.refuse("render C.nc --views cloudct-10 --light I.nc --out J.nc", &["I.nc"]);
+    std::fs::write(program.path("L.toml"), "sun_zenit = 3.0").unwrap();
+    program.refuse(render, &["L.toml", "sun_zenit", "config light"]);
+}
+
 #[test]
 fn what_cannot_be_inverted_is_refused() {
     let program = Program::new();
@@ -57,6 +95,7 @@ fn what_cannot_be_inverted_is_refused() {
         ("--set inversion.softness=0", ["softness", "positive"]),
         ("--set inversion.corrections=0", ["corrections", "at least 1"]),
         ("--surface-albedo 2", ["surface albedo", "2"]),
+        ("--phase magic", ["magic", "config light"]),
     ] {
         program.refuse(&format!("{line} {wrong}"), &words);
     }

@@ -46,10 +46,10 @@ fn droplets_scatter_by_their_size() {
     program.refuse(render, &["C.nc", "optics.effective_radius", "not set"]);
     program.succeed(&format!("{render} --set optics.effective_radius=10.0 --set wavelength=0.55"));
     let observation = read_observation(program.path("I.nc")).unwrap();
-    assert_eq!(observation.wavelength, 0.55);
+    assert_eq!(observation.light.wavelength, 0.55);
     assert!(observation.images.brightest() > 0.0);
-    program.refuse(&format!("{render} --set optics.effective_radius=90.0"), &["90 um", "25 um"]);
-    program.refuse(&format!("{render} --set optics.phase=magic"), &["magic", "config render"]);
+    program.refuse(&format!("{render} --set optics.effective_radius=90.0"), &["90", "50 um"]);
+    program.refuse(&format!("{render} --set optics.phase=magic"), &["magic", "config light"]);
 }
 
 /// Three voxels side by side with 0.3 g/m3 of water in droplets of 10 um in the middle.
@@ -187,7 +187,8 @@ fn air_and_waves_add_light_and_more_of_it_in_the_blue() {
     assert!(sum("sea.nc") > dark);
     assert!(sum("I-0.86um.nc") > 2.0 * dark && sum("I-0.45um.nc") > 1.2 * sum("I-0.86um.nc"));
     assert!(
-        (read_observation(program.path("I-0.45um.nc")).unwrap().wavelength - 0.45).abs() < 1e-9
+        (read_observation(program.path("I-0.45um.nc")).unwrap().light.wavelength - 0.45).abs()
+            < 1e-9
     );
     let png = std::fs::read(program.path("I-0.86um.png")).unwrap();
     assert!(png.starts_with(b"\x89PNG"));
@@ -195,6 +196,6 @@ fn air_and_waves_add_light_and_more_of_it_in_the_blue() {
         program.refuse(&format!("render C.nc --views cloudct-10 {option} --out I.nc"), words);
     };
     refuse("--wind-speed 100", &["wind speed", "100"]);
-    refuse("--solar-irradiance -1", &["solar irradiance"]);
+    refuse("--solar-irradiance -1", &["solar_irradiance"]);
     refuse("--air --wavelength 9", &["wavelength", "9"]);
 }

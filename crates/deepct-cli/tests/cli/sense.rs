@@ -27,7 +27,7 @@ fn noise_is_that_of_the_sensor_and_of_the_seed() {
     let (clean, noisy) = (read("I.nc"), read("N.nc"));
     assert_eq!(noisy, read("same.nc"));
     assert_ne!(noisy, read("other.nc"));
-    assert_eq!((&clean.views, clean.sun), (&noisy.views, noisy.sun));
+    assert_eq!((&clean.views, &clean.light), (&noisy.views, &noisy.light));
     let deviation = noisy.standard_error.unwrap().values;
     for ((at, noisy), clean) in noisy.images.values.indexed_iter().zip(&clean.images.values) {
         assert!((noisy - clean).abs() < 6.0 * deviation[at], "{at:?}");

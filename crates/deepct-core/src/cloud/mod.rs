@@ -113,4 +113,26 @@ impl Cloud {
         extinction.check_non_negative("extinction")?;
         Ok(Self { grid: extinction.grid, microphysics: None, extinction: Some(extinction.values) })
     }
+
+    /// A cloud of a given extinction in droplets of given effective radii (um); its liquid water is
+    /// that of droplets with an extinction efficiency of 2.
+    ///
+    /// # Errors
+    /// As [`Cloud::from_extinction`] and [`Cloud::from_microphysics`].
+    pub fn from_extinction_and_radii(
+        extinction: Volume,
+        effective_radius: Array3<f32>,
+    ) -> Result<Self> {
+        let cloud = Self::from_extinction(extinction)?;
+        cloud.grid.check_shape("the effective radius", effective_radius.shape())?;
+        let droplets = Microphysics {
+            liquid_water_content: cloud.extinction.as_ref().expect("just given")
+                * &effective_radius
+                / 1500.0,
+            effective_variance: Array3::from_elem(cloud.grid.shape, EFFECTIVE_VARIANCE),
+            effective_radius,
+        };
+        let extinction = cloud.extinction;
+        Ok(Self { extinction, ..Self::from_microphysics(cloud.grid, droplets)? })
+    }
 }

@@ -1,14 +1,13 @@
 //! One image, or a strip of one, through all layers.
 
-use super::Stack;
 use super::kernels::SharedPlanes;
 use super::layer::BandInput;
+use super::layers::Layers;
 use super::schedule::{Order, Part, Task};
 use super::shape::{BAND, Bands, SEEN};
 use super::source::{Source, SourceRow};
-use super::stack::Strip;
 use rayon::prelude::*;
-use std::ops::{Deref, DerefMut};
+use std::ops::{Deref, DerefMut, Range};
 use std::sync::atomic::{AtomicBool, AtomicU8};
 use std::sync::{LockResult, PoisonError, RwLock};
 
@@ -47,10 +46,18 @@ pub(super) struct Lengths {
     pub(super) layer: usize,
 }
 
+/// Columns of an image that are computed together.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Strip {
+    pub(super) computed: Range<usize>,
+    /// Those that no border but the image's own has reached.
+    pub(super) kept: Range<usize>,
+}
+
 /// What is to be done.
 #[derive(Clone, Copy)]
 pub(super) struct Work<'a> {
-    pub(super) stack: &'a Stack,
+    pub(super) layers: &'a Layers,
     /// The size of the image.
     pub(super) image: Bands,
     pub(super) strip: &'a Strip,
@@ -126,7 +133,7 @@ impl Shared<'_> {
     }
 
     fn run(&self, task: Task, worker: &mut Worker) {
-        let layers = self.work.stack.layers();
+        let layers = &self.work.layers.layers;
         let Some(layer) = task.layer.checked_sub(1) else {
             let mut band = unpoisoned(self.bands[self.order.slot(task)].write());
             return self.take_in(task.band, layers[0].input_pitch(), &mut band);
@@ -142,8 +149,8 @@ impl Shared<'_> {
 
     /// Compute a band of layer `layer`.
     fn run_layer(&self, layer: usize, band: usize, output: &mut [f32], scratch: &mut [f32]) {
-        let Work { stack, image, .. } = self.work;
-        let (strip, convolution) = (self.strip(), &stack.layers()[layer]);
+        let Work { layers, image, .. } = self.work;
+        let (strip, convolution) = (self.strip(), &layers.layers[layer]);
         let row_len = strip.row_len(convolution.input_pitch());
         let read = |band: usize| {
             let slot = self.order.slot(Task { layer, band });
@@ -158,7 +165,7 @@ impl Shared<'_> {
         let rows: [&[f32]; SEEN] = std::array::from_fn(|index| row(BAND - 1 + index));
         let pitch = convolution.output_pitch();
         let output = &mut output[..strip.len(pitch)];
-        let method = stack.method(convolution, image);
+        let method = layers.method(convolution, image);
         convolution.run_band(method, &BandInput { bands: strip, rows }, output, scratch);
         strip.clear_border(band, pitch, output);
     }
@@ -182,9 +189,9 @@ impl Shared<'_> {
     fn give_out(&self, band: usize, pitch: usize, values: &[f32]) {
         let Strip { computed, kept } = self.work.strip;
         let (strip, cols) = (self.strip(), self.work.image.cols);
-        let scale = self.work.stack.scales().output;
+        let scale = self.work.layers.scales.output;
         let mut output = self.output.take(band).expect("the order gives out each task once");
-        for channel in 0..self.work.stack.output_channels() {
+        for channel in 0..self.work.layers.output_channels() {
             let rows = output.plane(channel).chunks_exact_mut(cols);
             for (row, pixels) in rows.zip(values.chunks_exact(strip.row_len(pitch))) {
                 let first = (1 + kept.start - computed.start) * pitch + channel;

@@ -17,6 +17,7 @@ mod algorithm;
 pub mod kernels;
 mod lane;
 mod layer;
+mod layers;
 mod schedule;
 mod settings;
 mod shape;

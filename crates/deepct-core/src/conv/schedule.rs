@@ -29,6 +29,8 @@ const EDGE: usize = 2;
 const FREE: u8 = 0;
 const TAKEN: u8 = 1;
 const DONE: u8 = 2;
+/// Taken by a thread that panicked.
+const LOST: u8 = 3;
 
 /// The order of the tasks of one image. Layer 0 is the image itself; the last one is not
 /// kept.
@@ -170,11 +172,29 @@ impl Order {
                 if taken.is_err() {
                     continue;
                 }
+                let taken = Taken(state(task));
                 self.before(task).for_each(|task| wait_until_done(state(task)));
                 run(task);
-                state(task).store(DONE, Ordering::Release);
+                taken.done();
             }
         }
+    }
+}
+
+/// A task that this thread has taken. A thread that panics leaves it lost, so that nobody waits for
+/// it for ever.
+struct Taken<'a>(&'a AtomicU8);
+
+impl Taken<'_> {
+    fn done(self) {
+        self.0.store(DONE, Ordering::Release);
+        std::mem::forget(self);
+    }
+}
+
+impl Drop for Taken<'_> {
+    fn drop(&mut self) {
+        self.0.store(LOST, Ordering::Release);
     }
 }
 
@@ -195,7 +215,12 @@ impl Part {
 /// Another thread is at it and needs microseconds; should it have been stopped, let it go on.
 fn wait_until_done(state: &AtomicU8) {
     let mut looks = 0_u32;
-    while state.load(Ordering::Acquire) != DONE {
+    loop {
+        match state.load(Ordering::Acquire) {
+            DONE => return,
+            LOST => panic!("another thread panicked in a task that this one depends on"),
+            _ => {}
+        }
         looks += 1;
         if looks.is_multiple_of(1 << 10) {
             std::thread::yield_now();

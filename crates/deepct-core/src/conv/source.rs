@@ -8,7 +8,8 @@ pub trait Source: Sync {
     /// Write a row of an image: channel `c` of column `columns.start + i` is
     /// `pixels[i * pitch + c]`. All pixels are 0 before.
     ///
-    /// The same row may be wanted several times and by several threads.
+    /// The same row may be read several times and by several threads at once. A source that panics
+    /// ends the run with a panic; it must not run another stack in the same thread pool.
     fn read(&self, row: &SourceRow, pixels: &mut [f32]);
 }
 

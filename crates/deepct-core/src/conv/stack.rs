@@ -1,14 +1,13 @@
 //! Convolutions one after another.
 
-use super::algorithm::Method;
-use super::lane::{Lane, Lengths, Work, unpoisoned};
+use super::lane::{Lane, Lengths, Strip, Work, unpoisoned};
+use super::layers::Layers;
 use super::schedule::Order;
 use super::shape::{BAND, Bands};
 use super::source::{Planes, Source};
 use super::{Algorithm, Conv2d, Scales, Settings};
 use crate::error::{Error, Result};
 use rayon::prelude::*;
-use std::ops::Range;
 use std::sync::Mutex;
 
 /// Images whose layers take no more than this (bytes) are computed one by each thread when
@@ -26,11 +25,7 @@ const SHORTEST_BLOCK: usize = 10;
 
 /// Layers that feed each other.
 #[derive(Debug, Clone)]
-pub struct Stack {
-    layers: Vec<Conv2d>,
-    scales: Scales,
-    settings: Settings,
-}
+pub struct Stack(Layers);
 
 /// Memory for [`Stack::run`], made once by [`Stack::scratch`] and used as often as wanted.
 #[derive(Debug)]
@@ -58,14 +53,6 @@ struct Plan {
     overlap: usize,
 }
 
-/// Columns of an image that are computed together.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) struct Strip {
-    pub(super) computed: Range<usize>,
-    /// Those that no border but the image's own has reached.
-    pub(super) kept: Range<usize>,
-}
-
 impl Stack {
     /// A stack of layers, first to last.
     ///
@@ -85,44 +72,33 @@ impl Stack {
             }
         }
         settings.check()?;
-        Ok(Self { layers, scales: Scales::default(), settings })
+        Ok(Self(Layers { layers, scales: Scales::default(), settings }))
     }
 
     /// The same layers between other scales.
     pub fn with_scales(self, scales: Scales) -> Self {
-        Self { scales, ..self }
+        Self(Layers { scales, ..self.0 })
     }
 
     /// Factors of what goes in and of what comes out.
     pub fn scales(&self) -> Scales {
-        self.scales
+        self.0.scales
     }
 
     /// Channels that the first layer reads.
     pub fn input_channels(&self) -> usize {
-        self.layers[0].input_channels()
+        self.0.layers[0].input_channels()
     }
 
     /// Channels that the last layer writes.
     pub fn output_channels(&self) -> usize {
-        self.layers[self.layers.len() - 1].output_channels()
+        self.0.output_channels()
     }
 
     /// The algorithm of each layer for images of `[rows, cols]`.
     pub fn algorithms(&self, [rows, cols]: [usize; 2]) -> impl Iterator<Item = Algorithm> + '_ {
-        self.layers.iter().map(move |layer| self.method(layer, Bands { rows, cols }).algorithm)
-    }
-
-    /// The layers, first to last.
-    pub(super) fn layers(&self) -> &[Conv2d] {
-        &self.layers
-    }
-
-    /// How a layer is computed for an image.
-    pub(super) fn method(&self, layer: &Conv2d, image: Bands) -> Method {
-        let Settings { algorithm, precision, .. } = self.settings;
-        let fastest = || layer.fastest(image, precision);
-        algorithm.map_or_else(fastest, |algorithm| Method { algorithm, precision })
+        let image = Bands { rows, cols };
+        self.0.layers.iter().map(move |layer| self.0.method(layer, image).algorithm)
     }
 
     /// Memory for [`Stack::run`] on as many images of a size, `[image, row, col]`, by the
@@ -140,8 +116,8 @@ impl Stack {
             return Err(Error::out_of_range("size [image, row, col]", format!("{size:?}"), range));
         }
         let plan = self.plan(Bands { rows, cols });
-        for layer in &self.layers {
-            layer.prepare(self.method(layer, plan.image));
+        for layer in &self.0.layers {
+            layer.prepare(self.0.method(layer, plan.image));
         }
         let lengths = self.lengths(plan);
         let threads = rayon::current_num_threads();
@@ -163,7 +139,7 @@ impl Stack {
         let [_, rows, cols] = scratch.size;
         let channels = self.input_channels();
         check_length("number of values of the input", channels, input.len(), scratch.size)?;
-        let scale = self.scales.input;
+        let scale = self.0.scales.input;
         self.run_from(&Planes { values: input, channels, rows, cols, scale }, output, scratch)
     }
 
@@ -196,7 +172,7 @@ impl Stack {
             let mut lane = unpoisoned(lanes[thread % lanes.len()].lock());
             for strip in plan.strips() {
                 let image = plan.image;
-                lane.run(Work { stack: self, image, strip: &strip, source, number }, output);
+                lane.run(Work { layers: &self.0, image, strip: &strip, source, number }, output);
             }
         };
         let images = outputs.enumerate();
@@ -213,7 +189,7 @@ impl Stack {
     /// Layer by layer where the layers stay in the cache, in blocks of bands where they do
     /// not, in strips where even those take more memory than is allowed.
     fn plan(&self, image: Bands) -> Plan {
-        let layers = self.layers.len();
+        let layers = self.0.layers.len();
         let pitch = self.widest_pitch();
         let band = |cols| Bands { rows: image.rows, cols }.len(pitch) * size_of::<f32>();
         let order = |cols| {
@@ -226,7 +202,7 @@ impl Stack {
         let overlap = layers * BAND;
         let mut strip = image.cols.next_multiple_of(BAND);
         let taken = |cols| order(cols).slots() * band(cols);
-        while strip > 2 * overlap + BAND && taken(strip) > self.settings.memory {
+        while strip > 2 * overlap + BAND && taken(strip) > self.0.settings.memory {
             strip -= BAND;
         }
         Plan { image, order: order(strip), strip, overlap }
@@ -234,17 +210,17 @@ impl Stack {
 
     fn widest_pitch(&self) -> usize {
         let pitch = |layer: &Conv2d| layer.input_pitch().max(layer.output_pitch());
-        self.layers.iter().map(pitch).max().unwrap_or(0)
+        self.0.layers.iter().map(pitch).max().unwrap_or(0)
     }
 
     fn lengths(&self, plan: Plan) -> Lengths {
         let strip = Bands { rows: plan.image.rows, cols: plan.strip };
-        let last = &self.layers[self.layers.len() - 1];
-        let layer = |layer: &Conv2d| layer.scratch_len(self.method(layer, plan.image));
+        let last = &self.0.layers[self.0.layers.len() - 1];
+        let layer = |layer: &Conv2d| layer.scratch_len(self.0.method(layer, plan.image));
         Lengths {
             band: strip.len(self.widest_pitch()),
             last: strip.len(last.output_pitch()),
-            layer: self.layers.iter().map(layer).max().unwrap_or(0),
+            layer: self.0.layers.iter().map(layer).max().unwrap_or(0),
         }
     }
 }

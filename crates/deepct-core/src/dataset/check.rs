@@ -1,7 +1,8 @@
 //! Whether a data set is whole.
 
-use super::{Manifest, generate::sha256};
+use super::Manifest;
 use crate::error::{Error, Result};
+use crate::files::sha256;
 use crate::io;
 use std::path::Path;
 

@@ -1,21 +1,19 @@
 //! The making of a data set: snapshot by snapshot, cloud by cloud, resumable.
 
 use super::plan::{self, Plan, Planned, Share};
-use super::{DatasetSettings, FORMAT, Light, Manifest, Sample};
+use super::{DatasetSettings, FORMAT, Manifest, Sample};
 use crate::cloud::{Cloud, Microphysics, Piece};
 use crate::error::{Error, Result};
+use crate::files::sha256;
 use crate::grid::Grid;
 use crate::io::{self, Provenance};
-use crate::math::DVec3;
-use crate::optics::air::Air;
-use crate::optics::{DropletTable, Medium};
+use crate::optics::DropletTable;
 use crate::rng::{Purpose, RngExt, stream};
-use crate::scene::{Observation, Scene, Sun, Surface, View, view_geometry};
+use crate::scene::{Light, Observation, View, view_geometry};
 use crate::transport::{self, Solver};
 use rayon::prelude::*;
-use sha2::{Digest, Sha256};
 use std::path::Path;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 /// What of a data set is there.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -42,26 +40,20 @@ pub fn generate(
     share: Option<Share>,
     progress: &(dyn Fn(u64) + Sync),
 ) -> Result<Generated> {
-    let workshop = Workshop::open(&plan.configuration, simulations)?;
+    let generator = Generator::open(&plan.configuration, simulations)?;
     let samples = folder.join("samples");
     std::fs::create_dir_all(&samples).map_err(Error::io(&samples))?;
-    let droplets = match plan.missing(folder, share) {
-        0 => None,
-        _ => Some(Arc::new(DropletTable::water(plan.configuration.wavelength)?)),
-    };
-    let mut manifest = workshop.empty_manifest();
+    let mut manifest = generator.empty_manifest();
     let mut generated = Generated { samples: 0, made: 0 };
     for snapshot in plan.snapshots(share) {
         let exists = |planned: &Planned| folder.join(planned.file()).exists();
         let missing: Vec<_> = snapshot.iter().filter(|planned| !exists(planned)).collect();
-        if let Some(droplets) = &droplets {
-            workshop.make(&missing, droplets, folder, progress)?;
-        }
+        generator.make(&missing, folder, progress)?;
         generated.samples += snapshot.len();
         generated.made += missing.len();
         if share.is_none() {
             for planned in snapshot {
-                manifest.samples.push(workshop.entry(planned, folder)?);
+                manifest.samples.push(generator.entry(planned, folder)?);
             }
             manifest.write(folder)?;
         }
@@ -69,46 +61,25 @@ pub fn generate(
     Ok(generated)
 }
 
-/// SHA-256 of a file, in hexadecimal.
-pub(super) fn sha256(path: &Path) -> Result<String> {
-    let bytes = std::fs::read(path).map_err(Error::io(path))?;
-    Ok(Sha256::digest(bytes).iter().map(|byte| format!("{byte:02x}")).collect())
-}
-
 /// What stays the same from sample to sample.
-pub(super) struct Workshop<'a> {
+pub(super) struct Generator<'a> {
     settings: &'a DatasetSettings,
     simulations: &'a Path,
-    sun: Sun,
-    surface: Surface,
-    air: Option<Air>,
     grid: Grid,
     views: Vec<View>,
+    /// The optics of droplets in the light of the settings and of each source, once needed.
+    tables: Vec<OnceLock<Option<Arc<DropletTable>>>>,
 }
 
-impl<'a> Workshop<'a> {
+impl<'a> Generator<'a> {
     pub(super) fn open(settings: &'a DatasetSettings, simulations: &'a Path) -> Result<Self> {
-        settings.check()?;
-        for source in &settings.sources {
-            let path = simulations.join(&source.file);
-            std::fs::File::open(&path).map_err(Error::io(path))?;
-        }
-        let columns = settings.columns;
-        let levels = settings.levels;
-        // The horizontal place of a cloud does not matter: every sample stands at 0.
-        let grid = Grid::new(
-            DVec3::new(0.0, 0.0, levels.bottom_km),
-            DVec3::new(settings.column_km, settings.column_km, levels.spacing_km),
-            [levels.count, columns, columns],
-        )?;
+        settings.check(simulations)?;
         Ok(Self {
             settings,
             simulations,
-            sun: Sun::from_degrees(settings.sun_zenith_deg, settings.sun_azimuth_deg)?,
-            surface: Surface::lambertian(settings.surface_albedo),
-            air: if settings.air { Some(Air::new(settings.wavelength)?) } else { None },
-            grid,
-            views: settings.formation()?.views(grid.center(), [columns, columns])?,
+            grid: settings.grid()?,
+            views: settings.views()?,
+            tables: vec![OnceLock::new(); settings.sources.len() + 1],
         })
     }
 
@@ -117,7 +88,7 @@ impl<'a> Workshop<'a> {
             format: FORMAT.into(),
             deepct_version: env!("CARGO_PKG_VERSION").into(),
             formation: self.settings.formation.clone(),
-            geometry: view_geometry(&self.sun, &self.views),
+            geometry: view_geometry(&self.settings.light.sun, &self.views),
             image_shape: [self.settings.columns; 2],
             voxel_spacing_km: self.grid.spacing.to_array(),
             levels: self.settings.levels,
@@ -130,7 +101,6 @@ impl<'a> Workshop<'a> {
     fn make(
         &self,
         planned: &[&Planned],
-        droplets: &Arc<DropletTable>,
         folder: &Path,
         progress: &(dyn Fn(u64) + Sync),
     ) -> Result<()> {
@@ -145,8 +115,7 @@ impl<'a> Workshop<'a> {
                 return Err(Error::file(&simulation, "cloud", problem, remedy));
             };
             let cloud = self.seed(planned, piece).map_err(Error::in_file(&simulation))?;
-            let scene = self.scene(&cloud, source.light, droplets)?;
-            self.render(cloud, &scene, &folder.join(planned.file()))?;
+            self.render(planned.source, cloud, &folder.join(planned.file()))?;
             progress(1);
             Ok(())
         })
@@ -185,26 +154,33 @@ impl<'a> Workshop<'a> {
         Cloud::from_microphysics(self.grid, droplets)
     }
 
-    /// The cloud of a sample as light goes through it, in air where there is any.
-    fn scene(&self, cloud: &Cloud, light: Light, droplets: &Arc<DropletTable>) -> Result<Scene> {
-        let (medium, air) = match light {
-            Light::Droplets => (Medium::from_droplets(cloud, Arc::clone(droplets))?, self.air),
-            Light::Plain => (Medium::from_cloud(cloud)?, None),
+    /// The light of a source, and the optics of its droplets. All clouds have one effective
+    /// variance, so one table serves them all.
+    fn light(&self, source: usize, cloud: &Cloud) -> Result<(&Light, Option<Arc<DropletTable>>)> {
+        let (light, known) = match &self.settings.sources[source].light {
+            Some(own) => (own, &self.tables[source + 1]),
+            None => (&self.settings.light, &self.tables[0]),
         };
-        Ok(Scene { air, ..Scene::new(medium, self.sun, self.surface)? })
+        if let Some(table) = known.get() {
+            return Ok((light, table.clone()));
+        }
+        let table = light.droplet_table(cloud)?;
+        Ok((light, known.get_or_init(|| table).clone()))
     }
 
-    /// Render the scene of a cloud and write the sample.
-    fn render(&self, cloud: Cloud, scene: &Scene, path: &Path) -> Result<()> {
+    /// Render a cloud in the light of its source and write the sample.
+    fn render(&self, source: usize, cloud: Cloud, path: &Path) -> Result<()> {
+        let (light, table) = self.light(source, &cloud)?;
+        let scene = light.scene_with(&cloud, table)?;
         let solver = Solver::Ordinates(self.settings.solver.resolve());
-        let images = transport::render(scene, &self.views, &solver, &())?.images;
-        let mut observation = Observation::new(self.sun, self.views.clone(), images)?;
-        observation.wavelength = self.settings.wavelength;
+        let images = transport::render(&scene, &self.views, &solver, &())?.images;
+        let light = light.recorded(&cloud);
+        let observation = Observation::new(light, self.views.clone(), images)?;
         let configuration = serde_json::to_string(self.settings).unwrap_or_default();
         let seed = self.settings.seed;
         let provenance =
             Provenance { title: "deepct dataset generate".into(), configuration, seed };
-        let extinction = Some(scene.medium.extinction.values.clone());
+        let extinction = Some(scene.medium.extinction.values);
         io::write_sample(path, &Cloud { extinction, ..cloud }, &observation, &provenance)
     }
 }

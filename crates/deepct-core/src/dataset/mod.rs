@@ -18,7 +18,7 @@ mod variation;
 pub use check::check;
 pub use generate::{Generated, generate};
 pub use plan::{Plan, Planned, Share, plan};
-pub use settings::{DatasetSettings, Light, SolverSettings, Source, Split};
+pub use settings::{DatasetSettings, SolverSettings, Source, Split};
 pub use variation::Variation;
 
 use crate::error::{Error, Result};
@@ -28,7 +28,7 @@ use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
 /// The name of the format, in every manifest.
-pub const FORMAT: &str = "deepct-dataset 1";
+pub const FORMAT: &str = "deepct-dataset 2";
 
 /// One sample of a data set.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -101,7 +101,7 @@ impl Manifest {
         let text = serde_json::to_string_pretty(self).map_err(|problem| {
             Error::file(&path, "manifest", problem.to_string(), "report this as a bug")
         })?;
-        crate::io::write_text(&path, &text)
+        crate::files::write(&path, &text)
     }
 }
 
@@ -112,6 +112,7 @@ mod tests {
     use crate::grid::Grid;
     use crate::io::{self, Provenance};
     use crate::math::DVec3;
+    use crate::scene::Light;
     use ndarray::Array3;
     use std::collections::BTreeMap;
 
@@ -139,11 +140,7 @@ mod tests {
         DatasetSettings {
             seed: 5,
             formation: "cloudct-10".into(),
-            sun_zenith_deg: 30.0,
-            sun_azimuth_deg: 45.0,
-            wavelength: 0.672,
-            surface_albedo: 0.05,
-            air: true,
+            light: Light::realistic(),
             droplets_per_cm3: [100.0, 100.0],
             water_share: 1.0,
             solver: SolverSettings {
@@ -168,7 +165,7 @@ mod tests {
                 clouds: 9,
                 isolated: None,
                 variation: None,
-                light: Light::Droplets,
+                light: None,
             }],
         }
     }
@@ -221,7 +218,7 @@ mod tests {
     fn clouds_are_seen_in_the_light_of_their_source() {
         let folder = tempfile::tempdir().unwrap();
         let mut settings = simulation(folder.path());
-        let plain = Source { light: Light::Plain, ..settings.sources[0].clone() };
+        let plain = Source { light: Some(Light::default()), ..settings.sources[0].clone() };
         settings.sources.push(plain);
         let out = folder.path().join("set");
         make(&settings, folder.path(), &out, None).unwrap();
@@ -247,7 +244,8 @@ mod tests {
         let settings = simulation(folder.path());
         let out = folder.path().join("set");
         let run = |settings, share| make(settings, folder.path(), &out, share);
-        let other = DatasetSettings { surface_albedo: 0.1, ..settings.clone() };
+        let mut other = settings.clone();
+        other.light.surface.albedo = 0.1;
 
         // While there are shares only, and when there is a manifest.
         run(&settings, Some("1/2")).unwrap();

@@ -1,10 +1,9 @@
 //! Which samples a data set will have, and how they are shared out.
 
-use super::generate::Workshop;
 use super::{DatasetSettings, Manifest, Split};
 use crate::cloud::{self, Cloud, IsolateSettings, Piece};
 use crate::error::{Error, Result};
-use crate::io;
+use crate::files;
 use crate::io::import::{ImportSettings, import_cloud};
 use crate::math::DVec3;
 use crate::rng::{Purpose, Rng, RngExt, stream};
@@ -57,7 +56,7 @@ pub fn plan(
     progress: &(dyn Fn(u64) + Sync),
 ) -> Result<Plan> {
     // Nothing is left behind by settings that cannot work.
-    Workshop::open(settings, simulations)?;
+    settings.check(simulations)?;
     if Manifest::path(folder).exists() {
         same(settings, &Manifest::read(folder)?.configuration, &Manifest::path(folder))?;
     }
@@ -222,7 +221,7 @@ impl Plan {
         let text = serde_json::to_string(self).map_err(|problem| {
             Error::file(path, "plan", problem.to_string(), "report this as a bug")
         })?;
-        let temporary = io::temporary_beside(path)?;
+        let temporary = files::temporary_beside(path)?;
         std::fs::write(&temporary, text).map_err(Error::io(path))?;
         match temporary.persist_noclobber(path) {
             Err(problem) if problem.error.kind() != ErrorKind::AlreadyExists => {

@@ -2,13 +2,14 @@
 
 use super::Variation;
 use crate::error::{Error, Result};
+use crate::grid::Grid;
+use crate::math::DVec3;
 use crate::network::Levels;
-use crate::optics::water_refractive_index;
-use crate::scene::Formation;
+use crate::scene::{Formation, Light, View};
 use crate::transport::OrdinatesSettings;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// What a data set is made of.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -18,16 +19,8 @@ pub struct DatasetSettings {
     pub seed: u64,
     /// Name of the formation that looks at the clouds.
     pub formation: String,
-    /// Angle between +z and the Sun (degrees).
-    pub sun_zenith_deg: f64,
-    /// Azimuth towards the Sun, clockwise from north (degrees).
-    pub sun_azimuth_deg: f64,
-    /// Wavelength (um): of the droplets' Mie scattering and of the air.
-    pub wavelength: f64,
-    /// Albedo of the surface, at altitude 0.
-    pub surface_albedo: f64,
-    /// Whether there is air.
-    pub air: bool,
+    /// The light that the clouds are seen in.
+    pub light: Light,
     /// Least and largest droplet number concentration (1/cm3), from which effective radii
     /// follow: that of each cloud is drawn from between them, evenly in its logarithm.
     pub droplets_per_cm3: [f64; 2],
@@ -84,27 +77,9 @@ pub struct Source {
     /// How they are changed; as the simulation made them where this is missing.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub variation: Option<Variation>,
-    /// How its clouds scatter light.
-    #[serde(default, skip_serializing_if = "Light::is_of_droplets")]
-    pub light: Light,
-}
-
-/// How the clouds of a source scatter light, and in what.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Light {
-    /// Each voxel as its droplets do, by Mie's theory, in air if the settings have it.
-    #[default]
-    Droplets,
-    /// All alike, by the function of Henyey and Greenstein, without air: what `deepct render`
-    /// does unless it is told otherwise.
-    Plain,
-}
-
-impl Light {
-    fn is_of_droplets(&self) -> bool {
-        *self == Self::Droplets
-    }
+    /// [`DatasetSettings::light`] of its own.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub light: Option<Light>,
 }
 
 /// The settings of the deterministic solver that a data set is computed with.
@@ -174,8 +149,27 @@ impl DatasetSettings {
         })
     }
 
-    /// An error unless the numbers are in range.
-    pub(super) fn check(&self) -> Result<()> {
+    /// The grid of the samples. Where a cloud stood does not matter: every sample begins at 0.
+    pub(super) fn grid(&self) -> Result<Grid> {
+        let Self { columns, column_km, levels, .. } = self;
+        let origin = DVec3::new(0.0, 0.0, levels.bottom_km);
+        let spacing = DVec3::new(*column_km, *column_km, levels.spacing_km);
+        Grid::new(origin, spacing, [levels.count, *columns, *columns])
+    }
+
+    /// The views of the samples.
+    pub(super) fn views(&self) -> Result<Vec<View>> {
+        self.formation()?.views(self.grid()?.center(), [self.columns; 2])
+    }
+
+    /// An error unless the values are in range, the formation is known and the simulations are in
+    /// their folder.
+    pub(super) fn check(&self, simulations: &Path) -> Result<()> {
+        for source in &self.sources {
+            let path = simulations.join(&source.file);
+            std::fs::File::open(&path).map_err(Error::io(path))?;
+        }
+        self.views()?;
         let [least, most] = self.droplets_per_cm3;
         if !(least > 0.0 && least <= most && most.is_finite()) {
             let found = format!("[{least}, {most}]");
@@ -188,7 +182,11 @@ impl DatasetSettings {
             let name = source.file.display();
             return Err(Error::out_of_range("every", format!("0 for {name}"), "at least 1"));
         }
-        water_refractive_index(self.wavelength)?;
-        self.sources.iter().filter_map(|source| source.variation).try_for_each(|own| own.check())
+        self.light.check()?;
+        for source in &self.sources {
+            source.light.as_ref().map_or(Ok(()), Light::check)?;
+            source.variation.map_or(Ok(()), |variation| variation.check())?;
+        }
+        Ok(())
     }
 }

@@ -4,21 +4,15 @@ use super::ExperimentSettings;
 use crate::cloud::{Cloud, CumulusSettings, cumulus};
 use crate::dataset::Manifest;
 use crate::error::{Error, Result};
-use crate::grid::Volume;
 use crate::image::ViewStack;
 use crate::io::{self, Provenance};
 use crate::network::WeightsMetadata;
-use crate::optics::air::Air;
-use crate::optics::{self, DropletSettings, DropletTable, Medium, PhaseFunction};
-use crate::scene::{Formation, Observation, Scene, Sun, Surface};
-use crate::sensor::{Scale, Sensor, sense};
+use crate::scene::{Formation, Observation};
+use crate::sensor::{Scale, Sensor, expose};
 use crate::transport::{self, MonteCarloSettings, Solver};
 use ndarray::{Array3, Axis};
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
-/// Wavelength of the images (um).
-const WAVELENGTH: f64 = 0.672;
 /// Largest difference between a view of a data set and one of the weights (degrees).
 const SAME_VIEW_DEG: f64 = 0.1;
 
@@ -83,7 +77,7 @@ impl Case {
     ) -> Result<(Cloud, Observation)> {
         if !path.exists() {
             let (cloud, clean) = self.make(settings, weights)?;
-            let observation = expose(&clean, settings, self.number)?;
+            let observation = through_sensor(&clean, settings, self.number)?;
             let provenance = Provenance {
                 title: format!("{}: truth and noisy images", self.name),
                 configuration: toml::to_string(settings).expect("plain numbers and text"),
@@ -108,9 +102,8 @@ impl Case {
             Origin::File(path) => io::read_cloud(path)?,
             Origin::Generated(seed) => cumulus(&CumulusSettings::default(), *seed)?,
         };
-        let truth = optics::extinction(&cloud)?;
-        let light = Light::new(settings, cloud.mean_effective_radius())?;
-        let scene = light.scene(&truth, Sun::default())?;
+        let scene = settings.light.scene(&cloud)?;
+        let truth = scene.medium.extinction.clone();
         let formation = Formation::preset(&weights.formation).ok_or_else(|| {
             Error::out_of_range("formation of the weights", &weights.formation, "a preset")
         })?;
@@ -123,60 +116,19 @@ impl Case {
             noise: None,
         });
         let rendering = transport::render(&scene, &views, &solver, &())?;
-        let mut observation = Observation::new(scene.sun, views, rendering.images)?;
+        let light = settings.light.recorded(&cloud);
+        let mut observation = Observation::new(light, views, rendering.images)?;
         observation.standard_error = rendering.standard_error;
         Ok((Cloud { extinction: Some(truth.values), ..cloud }, observation))
     }
 }
 
-/// How a cloud scatters light, and in what.
-pub(super) struct Light {
-    /// Droplets of one effective radius (um), with their optics.
-    droplets: Option<(f32, Arc<DropletTable>)>,
-    phase_function: PhaseFunction,
-    air: Option<Air>,
-    surface: Surface,
-}
-
-impl Light {
-    /// As the settings say, for a cloud of a mean effective radius (um).
-    pub(super) fn new(settings: &ExperimentSettings, own_radius: Option<f64>) -> Result<Self> {
-        let radius = match (settings.own_radius, own_radius) {
-            (false, _) => settings.effective_radius,
-            (true, Some(radius)) => Some(radius as f32),
-            (true, None) => {
-                let range = "false where a cloud does not tell its droplets";
-                return Err(Error::out_of_range("own_radius", true, range));
-            }
-        };
-        let optics = |radius: f32| -> Result<_> {
-            let water = DropletSettings::water(WAVELENGTH);
-            Ok((radius, Arc::new(DropletTable::mie(&water, &[f64::from(radius)])?)))
-        };
-        Ok(Self {
-            droplets: radius.map(optics).transpose()?,
-            phase_function: PhaseFunction::henyey_greenstein(settings.asymmetry)?,
-            air: if settings.air { Some(Air::new(WAVELENGTH)?) } else { None },
-            surface: Surface::lambertian(settings.surface_albedo),
-        })
-    }
-
-    /// The scene of an extinction.
-    pub(super) fn scene(&self, extinction: &Volume, sun: Sun) -> Result<Scene> {
-        let extinction = extinction.clone();
-        let medium = match &self.droplets {
-            None => Medium::new(extinction, 1.0, self.phase_function.clone())?,
-            Some((radius, table)) => {
-                let radii = Array3::from_elem(extinction.grid.shape, *radius);
-                Medium::of_droplets(extinction, radii, table.clone())?
-            }
-        };
-        Ok(Scene { air: self.air, ..Scene::new(medium, sun, self.surface)? })
-    }
-}
-
-/// The images through the sensor.
-fn expose(clean: &Observation, settings: &ExperimentSettings, number: u64) -> Result<Observation> {
+/// The images through the sensor of the settings.
+fn through_sensor(
+    clean: &Observation,
+    settings: &ExperimentSettings,
+    number: u64,
+) -> Result<Observation> {
     if settings.sensor == "none" {
         return Ok(clean.clone());
     }
@@ -185,9 +137,7 @@ fn expose(clean: &Observation, settings: &ExperimentSettings, number: u64) -> Re
         None => Sensor::from_file(Path::new(&settings.sensor))?,
     };
     let seed = settings.seed + number;
-    let sensed = sense(&clean.images, &sensor, Scale::BrightestAtFullWell, seed)?;
-    let standard_error = Some(sensed.standard_error(clean.standard_error.as_ref())?);
-    Ok(Observation { images: sensed.images, standard_error, ..clean.clone() })
+    Ok(expose(clean, &sensor, Scale::BrightestAtFullWell, seed)?.observation)
 }
 
 /// Those views of an observation that the weights are for, in their order.
@@ -218,11 +168,11 @@ fn select_views(observation: &Observation, weights: &WeightsMetadata) -> Result<
         .collect::<Result<_>>()?;
     let select = |images: &Array3<f32>| ViewStack::new(images.select(Axis(0), &chosen));
     let mut selected = Observation::new(
-        observation.sun,
+        observation.light.clone(),
         chosen.iter().map(|view| observation.views[*view]).collect(),
         select(&observation.images.values)?,
     )?;
-    selected.wavelength = observation.wavelength;
+    selected.assumed.clone_from(&observation.assumed);
     selected.standard_error =
         observation.standard_error.as_ref().map(|error| select(&error.values)).transpose()?;
     Ok(selected)
@@ -231,6 +181,7 @@ fn select_views(observation: &Observation, weights: &WeightsMetadata) -> Result<
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scene::Sun;
 
     #[test]
     fn ten_of_the_32_views_are_those_of_the_paper() {

@@ -15,6 +15,7 @@ use crate::carve::CarveSettings;
 use crate::dataset::Split;
 use crate::error::{Error, Result};
 use crate::inversion::{self, Ending, InversionSettings, QUICK_ITERATIONS};
+use crate::scene::Light;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
@@ -48,18 +49,11 @@ pub struct ExperimentSettings {
     /// absent.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub similarity_after: Option<u32>,
-    /// Effective radius (um) of all droplets, which scatter by Mie's theory; if absent, light
-    /// is scattered by Henyey and Greenstein's function.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub effective_radius: Option<f32>,
-    /// Droplets of the mean effective radius of each sample, by its extinction, in place of that.
-    pub own_radius: bool,
-    /// Mean cosine of the scattering angle of that function.
-    pub asymmetry: f64,
-    /// Whether there is air.
-    pub air: bool,
-    /// Albedo of the surface, at altitude 0.
-    pub surface_albedo: f64,
+    /// The light of clouds that come without images; samples of a data set have their own.
+    pub light: Light,
+    /// Effective radius (um) that the inversions prescribe; if absent, the mean of each cloud.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub effective_radius: Option<f64>,
     /// Extinction (1/km) that physics starts from.
     pub start: f64,
     /// Steps of the quick hybrid.
@@ -84,11 +78,8 @@ impl Default for ExperimentSettings {
             sensor: "cmv4000".into(),
             samples_per_pixel: 4096,
             similarity_after: Some(3),
+            light: Light::default(),
             effective_radius: None,
-            own_radius: false,
-            asymmetry: crate::optics::CLOUD_ASYMMETRY,
-            air: false,
-            surface_albedo: 0.05,
             start: 0.01,
             quick_iterations: QUICK_ITERATIONS,
             carve: CarveSettings::default(),
@@ -105,6 +96,7 @@ impl ExperimentSettings {
     pub fn check(&self) -> Result<()> {
         self.inversion.check()?;
         self.carve.check()?;
+        self.light.check()?;
         if self.methods.is_empty() {
             return Err(Error::out_of_range("methods", "empty", "at least one way"));
         }

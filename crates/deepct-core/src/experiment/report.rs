@@ -2,7 +2,7 @@
 
 use super::{ExperimentSettings, Outcome};
 use crate::error::Result;
-use crate::io;
+use crate::files;
 use crate::plot::{BoxGroup, box_figure};
 use std::fmt::Write;
 use std::path::Path;
@@ -36,7 +36,7 @@ pub(super) fn write(
         ("mass error \u{3b4} (%)", groups(|one| 100.0 * one.mass_error)),
     ];
     box_figure(folder.join("figures/errors.png"), &panels, "Errors by way")?;
-    io::write_text(&folder.join("report.md"), &text(settings, outcomes))
+    files::write(&folder.join("report.md"), text(settings, outcomes))
 }
 
 /// Mean and standard deviation over the clouds.

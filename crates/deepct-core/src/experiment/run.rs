@@ -1,20 +1,19 @@
 //! Every cloud in every way, each result in a file of its own.
 
-use super::case::{Case, Light, cases};
+use super::case::{Case, cases};
 use super::{Experiment, ExperimentSettings, Method, Outcome, Watch, report};
 use crate::carve::carve;
 use crate::error::{Error, Result};
+use crate::files;
 use crate::grid::{Mask, Volume};
 use crate::inversion::{
     Ending, InversionSettings, OrdinatesModels, Problem, Reconstruction, Start, hybrid, invert,
-    network_start,
 };
 use crate::io::{self, Provenance};
 use crate::metrics;
 use crate::network::Network;
-use crate::optics;
 use crate::plot::volume_figure;
-use crate::scene::Observation;
+use crate::scene::{Light, Observation};
 use crate::transport::OrdinatesSettings;
 use ndarray::Axis;
 use std::path::{Path, PathBuf};
@@ -93,7 +92,7 @@ impl Bench<'_> {
                 "differ from those asked for",
                 "choose another folder, or the settings that the experiment was begun with",
             )),
-            Err(_) => io::write_text(&path, &text),
+            Err(_) => files::write(&path, &text),
         }
     }
 
@@ -117,8 +116,11 @@ impl Bench<'_> {
     fn open(&self, case: &Case) -> Result<Work> {
         let path = self.folder.join("clouds").join(format!("{}.nc", case.name));
         let (cloud, observation) = case.open(&path, self.settings, self.network.metadata())?;
-        let light = Light::new(self.settings, cloud.mean_effective_radius())?;
-        let truth = optics::extinction(&cloud)?;
+        let mut light = observation.light.clone();
+        if let Some(radius) = self.settings.effective_radius {
+            light.optics.effective_radius = Some(radius);
+        }
+        let truth = light.extinction(&cloud)?;
         let began = Instant::now();
         let mask = carve(&observation, &truth.grid, &self.settings.carve)?.mask;
         let carving = began.elapsed().as_secs_f64();
@@ -160,11 +162,11 @@ impl Bench<'_> {
             seed: self.settings.seed,
         };
         let volume = self.file("volumes", case, method, "nc");
-        io::write_reconstruction(&volume, &reconstruction, &work.mask, &provenance)?;
+        io::write_reconstruction(&volume, &reconstruction, &work.mask, &work.light, &provenance)?;
         let figure = self.file("figures", case, method, "png");
         volume_figure(&figure, extinction, Some(&work.truth), &title)?;
         let text = serde_json::to_string_pretty(&outcome).expect("plain numbers and text");
-        io::write_text(&self.file("results", case, method, "json"), &text)?;
+        files::write(&self.file("results", case, method, "json"), &text)?;
         Ok(Some(outcome))
     }
 
@@ -179,14 +181,15 @@ impl Bench<'_> {
         let problem = Problem { observation, mask, truth: Some(truth) };
         let nothing = Volume::constant(truth.grid, 0.0);
         let mut models = OrdinatesModels::new(
-            light.scene(&nothing, observation.sun)?,
+            light.scene_of(nothing)?,
             observation.views.clone(),
             OrdinatesSettings::default(),
         );
         let settings = &self.settings.inversion;
         let reconstruction = match method {
             Method::Network => {
-                let estimate = network_start(&self.network, observation)?;
+                let estimate =
+                    self.network.estimate(&observation.images, &observation.imaging_geometry()?)?;
                 let expected = estimate.expected_relative_error();
                 let mut extinction = estimate.extinction;
                 mask.apply(&mut extinction)?;

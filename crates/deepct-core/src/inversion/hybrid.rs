@@ -3,7 +3,7 @@
 use super::{InversionSettings, Models, Problem, Reconstruction, Watch, invert};
 use crate::error::{Error, Result};
 use crate::grid::Grid;
-use crate::network::{Estimate, Network};
+use crate::network::Network;
 use crate::scene::{Observation, target};
 
 /// Steps of the quick hybrid.
@@ -19,21 +19,10 @@ pub fn network_grid(network: &Network, observation: &Observation) -> Result<Grid
     network.grid([target.x, target.y], [rows, cols])
 }
 
-/// What the network says of the cloud in an observation.
-///
-/// # Errors
-/// Images that are not what the weights are for, with the number that differs.
-pub fn network_start(network: &Network, observation: &Observation) -> Result<Estimate> {
-    let target = target(&observation.views)?;
-    let geometry = observation.geometry();
-    network.metadata().check_images(&geometry, target.z, observation.wavelength)?;
-    network.estimate(&observation.images, [target.x, target.y])
-}
-
 /// The extinction of an observation, inverted from what the network says of it.
 ///
 /// # Errors
-/// Those of [`network_start`] and [`invert`]; a mask that is not on [`network_grid`].
+/// Those of [`Network::estimate`] and [`invert`]; a mask that is not on [`network_grid`].
 pub fn hybrid(
     problem: &Problem,
     network: &Network,
@@ -41,7 +30,8 @@ pub fn hybrid(
     settings: &InversionSettings,
     watch: &dyn Watch,
 ) -> Result<Reconstruction> {
-    let mut start = network_start(network, problem.observation)?;
+    let mut start =
+        network.estimate(&problem.observation.images, &problem.observation.imaging_geometry()?)?;
     let grid = start.extinction.grid;
     if !grid.matches(&problem.mask.grid) {
         return Err(Error::mismatch(

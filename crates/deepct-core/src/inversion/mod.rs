@@ -29,7 +29,7 @@ mod settings;
 mod variables;
 
 pub use checkpoint::Checkpoint;
-pub use hybrid::{QUICK_ITERATIONS, hybrid, network_grid, network_start};
+pub use hybrid::{QUICK_ITERATIONS, hybrid, network_grid};
 pub use measurement::Measurement;
 pub use optimiser::{Bounds, Function, Minimiser, MinimiserSettings, Pair, Point, Step};
 pub use ordinates::{OrdinatesModels, QUICK_TOLERANCE};

@@ -65,9 +65,7 @@ pub fn write_checkpoint(
     let bytes = safetensors::serialize(views, Some(metadata)).map_err(|problem| {
         Error::file(path, "checkpoint", problem.to_string(), "report this as a bug")
     })?;
-    let temporary = super::temporary_beside(path)?;
-    std::fs::write(&temporary, bytes).map_err(Error::io(path))?;
-    temporary.persist(path).map_err(|problem| Error::io(path)(problem.error))
+    crate::files::write(path, bytes)
 }
 
 /// Read a checkpoint of the inversion that `identity` says.

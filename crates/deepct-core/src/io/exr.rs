@@ -1,6 +1,5 @@
 //! Images as OpenEXR, for viewers of high-dynamic-range pictures.
 
-use super::temporary_beside;
 use crate::error::{Error, Result};
 use crate::scene::Observation;
 use exr::image::{AnyChannel, AnyChannels, Encoding, FlatSamples, Image, Layer};
@@ -21,7 +20,7 @@ pub fn write_exr(path: impl AsRef<Path>, observation: &Observation) -> Result<()
     let layers: SmallVec<_> = (0..views).map(|view| layer(observation, view)).collect();
     let window = IntegerBounds::from_dimensions((cols, rows));
     let image = Image::from_layers(ImageAttributes::new(window), layers);
-    let temporary = temporary_beside(path)?;
+    let temporary = crate::files::temporary_beside(path)?;
     image.write().to_file(&temporary).map_err(|problem| {
         Error::file(
             path,

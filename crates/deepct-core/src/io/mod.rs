@@ -18,55 +18,16 @@ mod netcdf;
 mod weights;
 
 #[cfg(feature = "files")]
-use crate::error::{Error, Result};
-#[cfg(feature = "files")]
-use std::path::Path;
-
-#[cfg(feature = "files")]
 pub use self::checkpoint::{read_checkpoint, write_checkpoint};
 #[cfg(feature = "files")]
 pub use self::exr::write_exr;
 #[cfg(feature = "files")]
 pub use netcdf::{
     MAX_VALUES, Provenance, ReferenceDroplets, ReferenceView, read_cloud, read_estimate, read_grid,
-    read_mask, read_observation, read_reference_droplets, read_reference_extinction,
+    read_light, read_mask, read_observation, read_reference_droplets, read_reference_extinction,
     read_reference_view, read_volume, write_cloud, write_estimate, write_mask, write_observation,
     write_reconstruction, write_sample, write_volume,
 };
 #[cfg(feature = "files")]
 pub use weights::write_weights;
 pub use weights::{MAX_WEIGHTS_BYTES, built_in_weights, load_weights, parse_weights, read_weights};
-
-/// An empty file in the folder of `path`, removed unless it is persisted: what an
-/// output is written to until it is complete.
-///
-/// # Errors
-/// When the folder does not exist or cannot be written.
-#[cfg(feature = "files")]
-pub(crate) fn temporary_beside(path: &Path) -> Result<tempfile::TempPath> {
-    let folder = match path.parent() {
-        Some(folder) if folder != Path::new("") => folder,
-        _ => Path::new("."),
-    };
-    let mut builder = tempfile::Builder::new();
-    builder.prefix(".deepct-").suffix(".partial");
-    #[cfg(unix)]
-    {
-        use std::os::unix::fs::PermissionsExt;
-        // What any new file gets: the process's mask takes away from this.
-        builder.permissions(std::fs::Permissions::from_mode(0o666));
-    }
-    let file = builder.tempfile_in(folder).map_err(Error::io(path))?;
-    Ok(file.into_temp_path())
-}
-
-/// Write a text file, to a temporary name first.
-///
-/// # Errors
-/// When the file cannot be written.
-#[cfg(feature = "files")]
-pub(crate) fn write_text(path: &Path, text: &str) -> Result<()> {
-    let temporary = temporary_beside(path)?;
-    std::fs::write(&temporary, text).map_err(Error::io(path))?;
-    temporary.persist(path).map_err(|problem| Error::io(path)(problem.error))
-}

@@ -227,9 +227,7 @@ pub fn write_weights(path: impl AsRef<Path>, weights: &Weights) -> Result<()> {
     let path = path.as_ref();
     let bytes = weights_to_bytes(weights)
         .map_err(|problem| Error::file(path, "weights", problem, "this is an error of deepct"))?;
-    let partial = super::temporary_beside(path)?;
-    std::fs::write(&partial, bytes).map_err(Error::io(path))?;
-    partial.persist(path).map_err(|problem| Error::io(path)(problem.error))
+    crate::files::write(path, bytes)
 }
 
 /// The bytes of a weights file.
@@ -320,8 +318,8 @@ mod tests {
             let target = crate::math::DVec3::new(0.8, 0.8, metadata.target_altitude_km);
             let views = formation.views(target, [32, 32]).unwrap();
             let images = ViewStack::new(ndarray::Array3::zeros((views.len(), 32, 32))).unwrap();
-            let geometry = Observation::new(Sun::default(), views, images).unwrap().geometry();
-            metadata.check_images(&geometry, metadata.target_altitude_km, 0.672).unwrap();
+            let observation = Observation::new(Sun::default(), views, images).unwrap();
+            metadata.check_images(&observation.imaging_geometry().unwrap()).unwrap();
             assert_eq!(metadata.formation, name);
             assert!(metadata.scores["epsilon"] < 1.0, "{:?}", metadata.scores);
         }

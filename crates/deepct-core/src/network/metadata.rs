@@ -2,7 +2,7 @@
 
 use super::{Architecture, ImageLayout};
 use crate::error::{Error, Result};
-use crate::image::ViewGeometry;
+use crate::image::{ImagingGeometry, ViewGeometry};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -197,8 +197,7 @@ impl WeightsMetadata {
         Ok(())
     }
 
-    /// An error unless images of that geometry, that look at a point at
-    /// `target_altitude_km` in light of `wavelength_um`, are what the weights are for.
+    /// An error unless images that were taken like this are what the weights are for.
     ///
     /// Angles may differ by 0.1 degrees, an azimuth by what moves the line of sight as
     /// much; the size of pixels and the wavelength by 1 %; the altitude looked at by a
@@ -206,12 +205,8 @@ impl WeightsMetadata {
     ///
     /// # Errors
     /// Names the first number that differs, what it should be and what it is.
-    pub fn check_images(
-        &self,
-        geometry: &ViewGeometry,
-        target_altitude_km: f64,
-        wavelength_um: f64,
-    ) -> Result<()> {
+    pub fn check_images(&self, taken: &ImagingGeometry) -> Result<()> {
+        let ImagingGeometry { views: geometry, target_km: [.., altitude], wavelength_um } = taken;
         let ours = &self.view_geometry;
         let (expected, found) = (ours.view_zenith_deg.len(), geometry.view_zenith_deg.len());
         if expected != found {
@@ -229,14 +224,14 @@ impl WeightsMetadata {
             }
         }
         self.check_cameras(&geometry.camera_distance_km)?;
-        let climb = target_altitude_km - self.target_altitude_km;
+        let climb = altitude - self.target_altitude_km;
         if !within(climb, LEVEL_TOLERANCE * self.levels.spacing_km) {
-            let (expected, found) = (km(self.target_altitude_km), km(target_altitude_km));
+            let (expected, found) = (km(self.target_altitude_km), km(*altitude));
             return Err(self.differs("altitude of the target".into(), expected, found));
         }
         if !within(wavelength_um / self.wavelength_um - 1.0, RELATIVE_TOLERANCE) {
             let um = |value: f64| format!("{value:.4} um");
-            let (expected, found) = (um(self.wavelength_um), um(wavelength_um));
+            let (expected, found) = (um(self.wavelength_um), um(*wavelength_um));
             return Err(self.differs("wavelength".into(), expected, found));
         }
         Ok(())
@@ -298,11 +293,16 @@ mod tests {
     use super::*;
     use crate::network::fixture::metadata;
 
+    /// Images of a geometry that look at a point at an altitude (km), at a wavelength (um).
+    fn taken(views: &ViewGeometry, altitude: f64, wavelength_um: f64) -> ImagingGeometry {
+        ImagingGeometry { views: views.clone(), target_km: [0.0, 0.0, altitude], wavelength_um }
+    }
+
     #[test]
     fn the_number_that_differs_is_named() {
         let metadata = metadata(&[3, 4]);
         let right = metadata.view_geometry.clone();
-        metadata.check_images(&right, 1.0, 0.672).unwrap();
+        metadata.check_images(&taken(&right, 1.0, 0.672)).unwrap();
         type Change = fn(&mut ViewGeometry);
         let changes: [(Change, &str); 8] = [
             (|g| g.view_zenith_deg[2] += 0.2, "view 2: zenith: expected 6.00 degrees, found 6.20"),
@@ -323,12 +323,13 @@ mod tests {
         for (change, message) in changes {
             let mut wrong = right.clone();
             change(&mut wrong);
-            let error = metadata.check_images(&wrong, 1.0, 0.672).unwrap_err().to_string();
+            let error = metadata.check_images(&taken(&wrong, 1.0, 0.672)).unwrap_err().to_string();
             assert!(error.contains(message), "{error}");
         }
-        let altitude = metadata.check_images(&right, 1.2, 0.672).unwrap_err().to_string();
+        let altitude = metadata.check_images(&taken(&right, 1.2, 0.672)).unwrap_err().to_string();
         assert!(altitude.contains("altitude of the target: expected 1.0000 km, found 1.2000 km"));
-        let wavelength = metadata.check_images(&right, 1.0, f64::NAN).unwrap_err().to_string();
+        let wavelength =
+            metadata.check_images(&taken(&right, 1.0, f64::NAN)).unwrap_err().to_string();
         assert!(wavelength.contains("wavelength: expected 0.6720 um"), "{wavelength}");
     }
 
@@ -340,7 +341,7 @@ mod tests {
         turned.view_azimuth_deg[0] = 200.0;
         turned.view_azimuth_deg[1] += 360.0;
         turned.sun_azimuth_deg -= 360.0;
-        metadata.check_images(&turned, 1.0, 0.672).unwrap();
+        metadata.check_images(&taken(&turned, 1.0, 0.672)).unwrap();
     }
 
     #[test]

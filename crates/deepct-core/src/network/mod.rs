@@ -21,7 +21,7 @@ pub use weights::{LayerWeights, Weights};
 use crate::conv::{self, Conv2d, Scales, Settings, Stack};
 use crate::error::{Error, Result};
 use crate::grid::{Grid, Volume};
-use crate::image::ViewStack;
+use crate::image::{ImagingGeometry, ViewStack};
 use crate::math::DVec3;
 use lift::Lift;
 use ndarray::{Array3, s};
@@ -137,29 +137,29 @@ impl Network {
         Grid::new(origin, DVec3::new(*dx, *dy, levels.spacing_km), [levels.count, rows, cols])
     }
 
-    /// The extinction (1/km) of the cloud in `images` (radiance, 1/sr), whose middle
-    /// shows the point `target` (x and y, km).
-    ///
-    /// Whether the images were taken as the weights want them is the question of
-    /// [`WeightsMetadata::check_images`].
+    /// The extinction (1/km) of the cloud in `images` (radiance, 1/sr) that were taken as `geometry`
+    /// says.
     ///
     /// # Errors
-    /// Another number of images than of views; those of [`Network::grid`].
-    pub fn infer(&self, images: &ViewStack, target: [f64; 2]) -> Result<Volume> {
-        Ok(self.estimate(images, target)?.extinction)
+    /// Images that were not taken as the weights require ([`WeightsMetadata::check_images`]), with the
+    /// number that differs; another number of images than of views.
+    pub fn infer(&self, images: &ViewStack, geometry: &ImagingGeometry) -> Result<Volume> {
+        Ok(self.estimate(images, geometry)?.extinction)
     }
 
     /// As [`Network::infer`], with its uncertainty where the weights tell it.
     ///
     /// # Errors
     /// As [`Network::infer`].
-    pub fn estimate(&self, images: &ViewStack, target: [f64; 2]) -> Result<Estimate> {
+    pub fn estimate(&self, images: &ViewStack, geometry: &ImagingGeometry) -> Result<Estimate> {
+        self.metadata.check_images(geometry)?;
         let [views, rows, cols] = images.shape();
         if views != self.views() {
             let remedy = "give the images of the formation that the weights are for";
             return Err(Error::mismatch("number of views", self.views(), views, remedy));
         }
-        let grid = self.grid(target, [rows, cols])?;
+        let [x, y, _] = geometry.target_km;
+        let grid = self.grid([x, y], [rows, cols])?;
         let radiance = images.values.as_standard_layout();
         let radiance = radiance.as_slice().expect("standard layout is contiguous");
         let mut scratch = self.scratch([1, rows, cols])?;
@@ -220,6 +220,16 @@ pub(crate) use fixture::weights;
 mod tests {
     use super::*;
 
+    /// Images as the weights require them, around a point (x and y, km).
+    fn around(weights: &Weights, [x, y]: [f64; 2]) -> ImagingGeometry {
+        let metadata = &weights.metadata;
+        ImagingGeometry {
+            views: metadata.view_geometry.clone(),
+            target_km: [x, y, metadata.target_altitude_km],
+            wavelength_um: metadata.wavelength_um,
+        }
+    }
+
     fn images(shape: [usize; 3]) -> ViewStack {
         ViewStack::new(Array3::from_shape_fn(shape, |(view, row, col)| {
             0.01 * ((5 * view + 3 * row + 7 * col) % 11) as f32
@@ -230,9 +240,10 @@ mod tests {
     /// The same numbers by the definition of the scales, and a grid around the target.
     #[test]
     fn scales_and_grid_are_those_of_the_metadata() {
+        let geometry = around(&weights(&[3, 5, 4], 3), [2.0, -1.0]);
         let network = Network::new(&weights(&[3, 5, 4], 3)).unwrap();
         let images = images([3, 6, 7]);
-        let volume = network.infer(&images, [2.0, -1.0]).unwrap();
+        let volume = network.infer(&images, &geometry).unwrap();
         assert_eq!(volume.grid.shape, [4, 6, 7]);
         let center = volume.grid.center();
         assert!((center - DVec3::new(2.0, -1.0, 0.4 + 2.0 * 0.04)).length() < 1e-12);
@@ -241,7 +252,7 @@ mod tests {
         let mut unscaled = weights(&[3, 5, 4], 3);
         (unscaled.metadata.input_scale, unscaled.metadata.output_scale) = (1.0, 1.0);
         let ten_times = ViewStack::new(10.0 * &images.values).unwrap();
-        let output = Network::new(&unscaled).unwrap().infer(&ten_times, [2.0, -1.0]).unwrap();
+        let output = Network::new(&unscaled).unwrap().infer(&ten_times, &geometry).unwrap();
         assert!(output.values.iter().any(|value| *value > 0.0));
         for (volume, output) in volume.values.iter().zip(output.values) {
             assert_eq!(*volume, 5.0 * output);
@@ -253,24 +264,30 @@ mod tests {
     fn an_uncertainty_comes_after_the_extinction() {
         let images = images([3, 6, 7]);
         let mut weights = weights(&[3, 5, 8], 3);
-        let all = Network::new(&weights).unwrap().infer(&images, [0.0, 0.0]).unwrap();
+        let geometry = around(&weights, [0.0, 0.0]);
+        let all = Network::new(&weights).unwrap().infer(&images, &geometry).unwrap();
         weights.metadata.outputs.push(NetworkOutput::Uncertainty);
         weights.metadata.levels.count = 4;
         let network = Network::new(&weights).unwrap();
-        let estimate = network.estimate(&images, [0.0, 0.0]).unwrap();
+        let estimate = network.estimate(&images, &geometry).unwrap();
         let uncertainty = estimate.uncertainty.unwrap();
         assert_eq!(uncertainty.grid, estimate.extinction.grid);
         assert_eq!(uncertainty.grid.shape, [4, 6, 7]);
         assert_eq!(estimate.extinction.values, all.values.slice(s![..4, .., ..]));
         assert_eq!(uncertainty.values, all.values.slice(s![4.., .., ..]));
-        assert_eq!(network.infer(&images, [0.0, 0.0]).unwrap(), estimate.extinction);
+        assert_eq!(network.infer(&images, &geometry).unwrap(), estimate.extinction);
     }
 
     #[test]
     fn another_number_of_images_is_refused() {
-        let network = Network::new(&weights(&[3, 4], 3)).unwrap();
-        let error = network.infer(&images([4, 5, 5]), [0.0, 0.0]).unwrap_err().to_string();
+        let weights = weights(&[3, 4], 3);
+        let network = Network::new(&weights).unwrap();
+        let geometry = around(&weights, [0.0, 0.0]);
+        let error = network.infer(&images([4, 5, 5]), &geometry).unwrap_err().to_string();
         assert!(error.contains("number of views: expected 3, found 4"), "{error}");
+        let blue = ImagingGeometry { wavelength_um: 0.45, ..geometry };
+        let error = network.infer(&images([3, 5, 5]), &blue).unwrap_err().to_string();
+        assert!(error.contains("wavelength"), "{error}");
     }
 
     #[test]
@@ -278,7 +295,8 @@ mod tests {
         let mut weights = weights(&[3, 5, 4], 3);
         let input = images([3, 6, 7]);
         let lowest = |weights: &Weights| {
-            let volume = Network::new(weights).unwrap().infer(&input, [0.0, 0.0]).unwrap();
+            let volume =
+                Network::new(weights).unwrap().infer(&input, &around(weights, [0.0, 0.0])).unwrap();
             volume.values.iter().copied().fold(f32::INFINITY, f32::min)
         };
         assert_eq!(lowest(&weights), 0.0);

@@ -21,11 +21,14 @@ impl DropletTable {
     /// # Errors
     /// A negative width, or a setting or wavelength out of range.
     pub fn of_band(settings: &DropletSettings, width: f64) -> Result<Self> {
-        Self::mie_band(settings, width, &default_radii())
+        Self::of_radii(settings, width, &default_radii())
     }
 
-    /// As [`DropletTable::of_band`], for the given effective radii.
-    fn mie_band(settings: &DropletSettings, width: f64, radii: &[f64]) -> Result<Self> {
+    /// As [`DropletTable::of_band`], for the given effective radii (um), which ascend.
+    ///
+    /// # Errors
+    /// As [`DropletTable::of_band`].
+    pub fn of_radii(settings: &DropletSettings, width: f64, radii: &[f64]) -> Result<Self> {
         if width == 0.0 {
             return Self::mie(settings, radii);
         }
@@ -108,7 +111,7 @@ mod tests {
     fn a_band_is_the_mean_of_its_wavelengths() {
         let at = |wavelength, width| {
             let settings = DropletSettings::water(wavelength);
-            DropletTable::mie_band(&settings, width, &[11.0]).unwrap().nodes()[0].clone()
+            DropletTable::of_radii(&settings, width, &[11.0]).unwrap().nodes()[0].clone()
         };
         let (one, narrow) = (at(0.67, 0.0), at(0.67, 1e-6));
         assert!((one.extinction_per_water / narrow.extinction_per_water - 1.0).abs() < 1e-5);

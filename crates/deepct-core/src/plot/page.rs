@@ -3,7 +3,6 @@
 use crate::error::{Error, Result};
 use ab_glyph::{Font, FontRef, PxScale, ScaleFont, point};
 use glam::{DVec2, IVec2};
-use std::io::Write;
 use std::path::Path;
 
 /// Height of the letters of titles (pixels).
@@ -206,22 +205,7 @@ impl Page {
         image::ImageEncoder::write_image(encoder, &self.pixels, width, height, colours).map_err(
             |problem| Error::file(path, "picture", problem.to_string(), "draw less on one page"),
         )?;
-        let folder = match path.parent() {
-            Some(folder) if folder != Path::new("") => folder,
-            _ => Path::new("."),
-        };
-        let mut builder = tempfile::Builder::new();
-        builder.prefix(".deepct-").suffix(".partial");
-        #[cfg(unix)]
-        {
-            use std::os::unix::fs::PermissionsExt;
-            // What any new file gets: the process's mask takes away from this.
-            builder.permissions(std::fs::Permissions::from_mode(0o666));
-        }
-        let mut file = builder.tempfile_in(folder).map_err(Error::io(path))?;
-        file.write_all(&encoded).map_err(Error::io(path))?;
-        file.persist(path).map_err(|problem| Error::io(path)(problem.error))?;
-        Ok(())
+        crate::files::write(path, encoded)
     }
 }
 

@@ -2,8 +2,7 @@
 
 use super::page::{Anchor, Colour, Frame, Page, TITLE};
 use super::panel::{ColourBar, ColourScale, PanelAxis, draw_axes, draw_map};
-use super::volume::check_pair;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::grid::Volume;
 use crate::metrics::{check_truth, score};
 use glam::DVec2;
@@ -77,6 +76,21 @@ fn count_voxels(truth: &Volume, estimate: &Volume, greatest: f64) -> Array2<u32>
         counts[[cell(estimate), cell(truth)]] += 1;
     }
     counts
+}
+
+/// An error unless the two volumes can be shown side by side.
+pub(super) fn check_pair(truth: &Volume, estimate: &Volume) -> Result<()> {
+    truth.check_non_negative("true extinction")?;
+    estimate.check_non_negative("extinction")?;
+    if truth.grid.matches(&estimate.grid) {
+        return Ok(());
+    }
+    Err(Error::mismatch(
+        "grids of truth and estimate",
+        format!("{:?}", truth.grid),
+        format!("{:?}", estimate.grid),
+        "bring both to one grid before they are drawn",
+    ))
 }
 
 #[cfg(test)]

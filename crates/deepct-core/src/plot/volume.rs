@@ -3,9 +3,9 @@
 
 use super::page::{Anchor, Frame, LABEL, Page, TITLE};
 use super::panel::{ColourBar, ColourScale, Panel, PanelAxis};
-use super::scatter::draw_scatter;
+use super::scatter::{check_pair, draw_scatter};
 use super::shade::draw_solid;
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::grid::{Grid, Volume};
 use ndarray::{Array2, Axis};
 use std::path::Path;
@@ -50,21 +50,6 @@ pub fn volume_figure(
     let mut page = Page::new(figure.size())?;
     figure.draw(&mut page, title);
     page.write(path)
-}
-
-/// An error unless the two volumes can be shown side by side.
-pub(super) fn check_pair(truth: &Volume, estimate: &Volume) -> Result<()> {
-    truth.check_non_negative("true extinction")?;
-    estimate.check_non_negative("extinction")?;
-    if truth.grid.matches(&estimate.grid) {
-        return Ok(());
-    }
-    Err(Error::mismatch(
-        "grids of truth and estimate",
-        format!("{:?}", truth.grid),
-        format!("{:?}", estimate.grid),
-        "bring both to one grid before they are drawn",
-    ))
 }
 
 /// A volume and what it is; nothing is said of one that stands alone.

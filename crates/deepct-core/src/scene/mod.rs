@@ -1,18 +1,20 @@
 //! The scene: a medium, the Sun above it, the surface below it; and the views of it.
 
 mod formation;
+mod light;
 mod surface;
 mod view;
 mod view_list;
 
 pub use formation::{EARTH_RADIUS_KM, Formation};
+pub use light::{DropletOpticsModel, ExtinctionModel, Light, LightTable, PhaseModel};
 pub use surface::{Surface, Waves};
 pub(crate) use view::Projector;
 pub use view::{Projection, View, target};
 pub use view_list::{VIEW_FILE_HELP, ViewList};
 
 use crate::error::{Error, Result};
-use crate::image::{ViewGeometry, ViewStack};
+use crate::image::{ImagingGeometry, ViewGeometry, ViewStack};
 use crate::math::{DVec3, towards};
 use crate::optics::Medium;
 use crate::optics::air::Air;
@@ -116,12 +118,13 @@ impl Scene {
 /// holds, and all that a reconstruction may know.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Observation {
-    /// Where the light came from.
-    pub sun: Sun,
+    /// The light that they were taken in.
+    pub light: Light,
+    /// Keys of [`LightTable`] that nobody stated: what the light has there is assumed. Images of
+    /// a real instrument know Sun and wavelength only.
+    pub assumed: Vec<String>,
     /// Where the cameras were, one per image.
     pub views: Vec<View>,
-    /// Wavelength (um).
-    pub wavelength: f64,
     /// Radiance (1/sr).
     pub images: ViewStack,
     /// Standard error of the radiance (1/sr), where it is known.
@@ -129,11 +132,11 @@ pub struct Observation {
 }
 
 impl Observation {
-    /// An observation at 672 nm without a standard error.
+    /// Images in a light, or under a Sun in the default light, without a standard error.
     ///
     /// # Errors
     /// When the images are not one per view, or not of the views' size.
-    pub fn new(sun: Sun, views: Vec<View>, images: ViewStack) -> Result<Self> {
+    pub fn new(light: impl Into<Light>, views: Vec<View>, images: ViewStack) -> Result<Self> {
         let [count, rows, cols] = images.shape();
         if views.len() != count {
             return Err(Error::mismatch(
@@ -151,12 +154,25 @@ impl Observation {
                 "give images of the size that the views say",
             ));
         }
-        Ok(Self { sun, views, wavelength: 0.672, images, standard_error: None })
+        let light = light.into();
+        Ok(Self { light, assumed: Vec::new(), views, images, standard_error: None })
     }
 
     /// The geometry in plain numbers.
     pub fn geometry(&self) -> ViewGeometry {
-        view_geometry(&self.sun, &self.views)
+        view_geometry(&self.light.sun, &self.views)
+    }
+
+    /// How the images were taken, in plain numbers.
+    ///
+    /// # Errors
+    /// Views that do not look at one point.
+    pub fn imaging_geometry(&self) -> Result<ImagingGeometry> {
+        Ok(ImagingGeometry {
+            views: self.geometry(),
+            target_km: target(&self.views)?.to_array(),
+            wavelength_um: self.light.wavelength,
+        })
     }
 }
 

@@ -26,6 +26,8 @@ pub struct Surface {
 /// and light that is mirrored twice is lost.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Waves {
+    /// Wind speed (m/s).
+    wind_speed: f64,
     /// Mean square slope, along and across the wind together.
     slope_variance: f64,
 }
@@ -72,7 +74,12 @@ impl Waves {
         if !(0.5..=20.0).contains(&wind_speed) {
             return Err(Error::out_of_range("wind speed", wind_speed, "from 0.5 to 20 m/s"));
         }
-        Ok(Self { slope_variance: 0.003 + 0.00512 * wind_speed })
+        Ok(Self { wind_speed, slope_variance: 0.003 + 0.00512 * wind_speed })
+    }
+
+    /// The wind speed (m/s) that makes the waves.
+    pub fn wind_speed(&self) -> f64 {
+        self.wind_speed
     }
 
     /// The reflectance distribution (1/sr) between two directions away from the surface:

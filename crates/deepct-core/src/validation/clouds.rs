@@ -14,9 +14,10 @@ use crate::error::Result;
 use crate::grid::{Grid, Volume};
 use crate::image::ViewStack;
 use crate::math::{DVec3, towards};
-use crate::optics::air::Air;
 use crate::optics::{DropletSettings, DropletTable, Medium};
-use crate::scene::{Boundary, Formation, Observation, Scene, Sun, Surface, View};
+use crate::scene::{
+    Boundary, Formation, Light, Observation, PhaseModel, Scene, Sun, Surface, View,
+};
 use crate::transport::{
     MonteCarloSettings, OrdinatesModel, OrdinatesSettings, Rendering, Solver, radiances, render,
 };
@@ -48,12 +49,12 @@ const PIXELS_AROUND: f64 = 2.0;
 pub struct CloudCase {
     /// What it is.
     pub name: String,
-    /// Cloud, Sun, surface and air.
+    /// Its light.
+    pub light: Light,
+    /// The cloud in this light.
     pub scene: Scene,
     /// Six views from 0 to 60 degrees, and four at 0, 1, 3 and 10 degrees from backscatter.
     pub views: Vec<View>,
-    /// Wavelength (um).
-    pub wavelength: f64,
     /// Number of voxels with extinction.
     pub voxels: usize,
 }
@@ -74,13 +75,24 @@ pub struct ViewError {
     pub pixel_noise: f64,
 }
 
-/// What light there is.
+/// What scatters.
 #[derive(Debug, Clone, Copy)]
-enum Light {
+enum Scatterers {
     /// Droplets of Mie scattering in air above the ocean, at a wavelength (um).
     Droplets(f64),
     /// Henyey and Greenstein's function above a black surface, without air.
     Greenstein,
+}
+
+impl Scatterers {
+    /// The light of a case under a Sun at a zenith angle (degrees), in the north-east.
+    fn light(self, sun_zenith: f64) -> Result<Light> {
+        let light = match self {
+            Self::Droplets(wavelength) => Light { wavelength, ..Light::realistic() },
+            Self::Greenstein => Light { surface: Surface::BLACK, ..Light::default() },
+        };
+        Ok(Light { sun: Sun::from_degrees(sun_zenith, 45.0)?, ..light })
+    }
 }
 
 /// Where a cloud comes from.
@@ -96,9 +108,9 @@ enum Source {
     Rico,
 }
 
-/// All cases: name, source, zenith of the Sun (degrees), light. The first ones need no file.
-const CASES: [(&str, Source, f64, Light); 14] = {
-    use Light::{Droplets, Greenstein};
+/// All cases: name, source, zenith of the Sun (degrees), scatterers. The first ones need no file.
+const CASES: [(&str, Source, f64, Scatterers); 14] = {
+    use Scatterers::{Droplets, Greenstein};
     use Source::{Bomex, Generated, Rico};
     [
         ("generated 1, small", Generated(1, 0.35, 0.30, 100.0), 20.0, Droplets(0.672)),
@@ -126,7 +138,7 @@ const CASES: [(&str, Source, f64, Light); 14] = {
 pub fn cases(folder: Option<&Path>) -> Result<Vec<CloudCase>> {
     let mut tables = BTreeMap::new();
     let mut made = Vec::new();
-    for (name, source, sun_zenith, light) in CASES {
+    for (name, source, sun_zenith, scatterers) in CASES {
         let cloud = match (source, folder) {
             (Source::Generated(seed, width, depth, droplets), _) => {
                 generated(seed, width, depth, droplets)?
@@ -139,18 +151,16 @@ pub fn cases(folder: Option<&Path>) -> Result<Vec<CloudCase>> {
             (Source::Rico, Some(folder)) => rico(folder)?,
             _ => continue,
         };
-        let medium = match light {
-            Light::Greenstein => Medium::from_cloud(&cloud)?,
-            Light::Droplets(wavelength) => {
-                let table = match tables.get(&wavelength.to_bits()) {
-                    Some(table) => Arc::clone(table),
-                    None => Arc::new(DropletTable::water(wavelength)?),
-                };
-                tables.insert(wavelength.to_bits(), Arc::clone(&table));
-                Medium::from_droplets(&cloud, table)?
-            }
+        let light = scatterers.light(sun_zenith)?;
+        let table = match tables.get(&light.wavelength.to_bits()) {
+            Some(table) => Some(Arc::clone(table)),
+            None => light.droplet_table(&cloud)?,
         };
-        made.push(CloudCase::new(name, medium, sun_zenith, light)?);
+        if let Some(table) = &table {
+            tables.insert(light.wavelength.to_bits(), Arc::clone(table));
+        }
+        let table = table.filter(|_| light.optics.phase == PhaseModel::Mie);
+        made.push(CloudCase::new(name, light.clone(), light.scene_with(&cloud, table)?)?);
     }
     Ok(made)
 }
@@ -198,20 +208,12 @@ fn rico(folder: &Path) -> Result<Cloud> {
 }
 
 impl CloudCase {
-    /// A medium in its light, and its views.
-    fn new(name: &str, medium: Medium, sun_zenith: f64, light: Light) -> Result<Self> {
-        let sun_azimuth = 45.0_f64;
-        let sun = Sun::from_degrees(sun_zenith, sun_azimuth)?;
-        let (surface, air, wavelength) = match light {
-            Light::Droplets(wavelength) => {
-                (Surface::OCEAN, Some(Air::new(wavelength)?), wavelength)
-            }
-            Light::Greenstein => (Surface::BLACK, None, 0.672),
-        };
-        let voxels = medium.extinction.values.iter().filter(|value| **value > 0.0).count();
-        let scene = Scene { air, ..Scene::new(medium, sun, surface)? };
+    /// A cloud in its light, and its views.
+    fn new(name: &str, light: Light, scene: Scene) -> Result<Self> {
+        let sun = scene.sun;
+        let voxels = scene.medium.extinction.values.iter().filter(|value| **value > 0.0).count();
         let general = VIEWS_DEG.map(|(zenith, azimuth)| {
-            towards(f64::to_radians(zenith), f64::to_radians(sun_azimuth + azimuth))
+            towards(f64::to_radians(zenith), sun.azimuth + f64::to_radians(azimuth))
         });
         // Beside the Sun in azimuth and zenith alike.
         let side = DVec3::Z.cross(sun.towards()).normalize();
@@ -223,7 +225,7 @@ impl CloudCase {
         });
         let directions: Vec<DVec3> = general.into_iter().chain(near).collect();
         let views = views_of(&scene.medium.extinction, &directions)?;
-        Ok(Self { name: name.to_owned(), scene, views, wavelength, voxels })
+        Ok(Self { name: name.to_owned(), light, scene, views, voxels })
     }
 
     /// The images of the Monte Carlo solver without bias, from the file `NAME.nc` of the folder
@@ -237,7 +239,7 @@ impl CloudCase {
             let path = self.cache_path(folder, noise, seed);
             if path.exists() {
                 let observation = crate::io::read_observation(&path)?;
-                if observation.views == self.views && observation.sun == self.scene.sun {
+                if observation.views == self.views && observation.light == self.light {
                     return Ok(observation);
                 }
             }
@@ -270,8 +272,8 @@ impl CloudCase {
         };
         let Rendering { images, standard_error, .. } =
             render(&self.scene, &self.views, &Solver::MonteCarlo(settings), &())?;
-        let mut observation = Observation::new(self.scene.sun, self.views.clone(), images)?;
-        (observation.wavelength, observation.standard_error) = (self.wavelength, standard_error);
+        let mut observation = Observation::new(self.light.clone(), self.views.clone(), images)?;
+        observation.standard_error = standard_error;
         Ok(observation)
     }
 

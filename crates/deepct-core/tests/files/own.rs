@@ -35,7 +35,7 @@ fn observation() -> Observation {
     let sun = Sun { irradiance: 1.7, ..Sun::from_degrees(33.3, 217.1).unwrap() };
     let mut observation = Observation::new(sun, views, ViewStack::new(values).unwrap()).unwrap();
     observation.standard_error = Some(error);
-    observation.wavelength = 0.86;
+    observation.light.wavelength = 0.86;
     observation
 }
 

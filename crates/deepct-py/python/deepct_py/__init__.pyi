@@ -51,12 +51,33 @@ def generate_cloud(
 ) -> Cloud: ...
 
 @final
-class Sun:
-    def __new__(cls, zenith_deg: float = 30.0, azimuth_deg: float = 45.0) -> Sun: ...
-    @property
-    def zenith_deg(self) -> float: ...
-    @property
-    def azimuth_deg(self) -> float: ...
+class Light:
+    def __new__(
+        cls,
+        *,
+        sun_zenith_deg: float = 30.0,
+        sun_azimuth_deg: float = 45.0,
+        solar_irradiance: float = 1.0,
+        wavelength: float = 0.672,
+        air: bool = False,
+        surface_albedo: float = 0.05,
+        surface_altitude_km: float = 0.0,
+        wind_speed: Optional[float] = None,
+        periodic: bool = False,
+        phase: Literal["hg", "mie", "isotropic"] = "hg",
+        extinction: Literal["geometric", "mie"] = "geometric",
+        asymmetry: float = 0.86,
+        single_scattering_albedo: float = 1.0,
+        distribution: Literal["gamma", "lognormal"] = "gamma",
+        bandwidth: float = 0.0,
+        effective_variance: Optional[float] = None,
+        effective_radius: Optional[float] = None,
+    ) -> Light: ...
+    @staticmethod
+    def from_dataset(dataset: Any) -> Light: ...
+    def replace(self, **values: Any) -> Light: ...
+    def to_dict(self) -> dict[str, Union[float, bool, str]]: ...
+    def __getattr__(self, name: str, /) -> Any: ...
 
 @final
 class View:
@@ -124,27 +145,21 @@ class Rendering:
     def standard_error(self) -> Optional[NDArray[np.float32]]: ...
     @property
     def samples_per_pixel(self) -> int: ...
+    @property
+    def light(self) -> Light: ...
 
 def render(
     extinction: ArrayLike,
     grid: Grid,
     views: Union[Views, Sequence[View]],
-    sun: Optional[Sun] = None,
+    light: Optional[Light] = None,
     *,
     solver: Literal["monte-carlo", "ordinates"] = "monte-carlo",
     samples_per_pixel: Optional[int] = None,
     noise: Optional[float] = None,
     seed: int = 1,
-    asymmetry: float = 0.86,
-    single_scattering_albedo: float = 1.0,
-    effective_radius: Union[float, ArrayLike, None] = None,
-    effective_variance: float = 0.1,
-    wavelength: float = 0.672,
-    surface_albedo: float = 0.05,
-    wind_speed: Optional[float] = None,
-    air: bool = False,
+    effective_radius: Optional[ArrayLike] = None,
     trilinear: bool = False,
-    periodic: bool = False,
     similarity_after: Optional[int] = None,
 ) -> Rendering: ...
 
@@ -223,19 +238,17 @@ class Network:
         self,
         radiance: ArrayLike,
         views: Union[Views, Sequence[View]],
-        sun: Optional[Sun] = None,
+        light: Optional[Light] = None,
         *,
         mask: Optional[ArrayLike] = None,
-        wavelength_um: float = 0.672,
     ) -> NDArray[np.float32]: ...
     def estimate(
         self,
         radiance: ArrayLike,
         views: Union[Views, Sequence[View]],
-        sun: Optional[Sun] = None,
+        light: Optional[Light] = None,
         *,
         mask: Optional[ArrayLike] = None,
-        wavelength_um: float = 0.672,
     ) -> tuple[NDArray[np.float32], Optional[NDArray[np.float32]]]: ...
 
 @final
@@ -253,36 +266,24 @@ def invert(
     radiance: ArrayLike,
     views: Union[Views, Sequence[View]],
     grid: Grid,
-    sun: Optional[Sun] = None,
+    light: Optional[Light] = None,
     *,
     start: Union[float, ArrayLike, Literal["auto"], None] = None,
     mask: Optional[ArrayLike] = None,
     standard_error: Optional[ArrayLike] = None,
     truth: Optional[ArrayLike] = None,
-    asymmetry: float = 0.86,
-    single_scattering_albedo: float = 1.0,
-    surface_albedo: float = 0.05,
-    effective_radius: Optional[float] = None,
-    air: bool = False,
-    wavelength_um: float = 0.672,
     **settings: Any,
 ) -> Reconstruction: ...
 def hybrid(
     radiance: ArrayLike,
     views: Union[Views, Sequence[View]],
     network: Network,
-    sun: Optional[Sun] = None,
+    light: Optional[Light] = None,
     *,
     quick: bool = False,
     mask: Optional[ArrayLike] = None,
     standard_error: Optional[ArrayLike] = None,
     truth: Optional[ArrayLike] = None,
-    asymmetry: float = 0.86,
-    single_scattering_albedo: float = 1.0,
-    surface_albedo: float = 0.05,
-    effective_radius: Optional[float] = None,
-    air: bool = False,
-    wavelength_um: float = 0.672,
     **settings: Any,
 ) -> Reconstruction: ...
 

@@ -236,3 +236,28 @@ fn layers_and_slices_that_do_not_fit_are_refused() {
     assert!(small.scratch([1, 0, 4]).is_err());
     assert!(small.scratch([1, usize::MAX, 2]).is_err());
 }
+
+/// A source that panics in one thread ends the run in all of them, and the scratch can be used again.
+#[test]
+fn a_panic_of_a_source_reaches_the_caller() {
+    struct Broken;
+    impl Source for Broken {
+        fn read(&self, row: &crate::conv::SourceRow, _: &mut [f32]) {
+            assert!(row.row < 40, "row {} is broken", row.row);
+        }
+    }
+    let size = [1, 64, 64];
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(4).build().unwrap();
+    pool.install(|| {
+        let stack = stack(&layers(&[2, 3, 4]), Settings::default());
+        let mut scratch = stack.scratch(size).unwrap();
+        let mut output = vec![0.0; 4 * 64 * 64];
+        let run = std::panic::AssertUnwindSafe(|| {
+            stack.run_from(&Broken, &mut output, &mut scratch).unwrap();
+        });
+        assert!(std::panic::catch_unwind(run).is_err());
+        let input = vec![0.5; 2 * 64 * 64];
+        stack.run(&input, &mut output, &mut scratch).unwrap();
+        assert!(output.iter().any(|value| *value != 0.0));
+    });
+}

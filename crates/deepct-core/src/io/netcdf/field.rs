@@ -1,5 +1,6 @@
 //! Fields on a grid: clouds, volumes and masks.
 
+use super::light::put_light;
 use super::write::{Attribute::*, Attributes, Output};
 use super::{Input, Provenance, Variable, edge_and_spacing};
 use crate::cloud::{Cloud, EFFECTIVE_VARIANCE, Microphysics};
@@ -7,6 +8,7 @@ use crate::error::{Error, Result};
 use crate::grid::{Grid, Mask, Volume};
 use crate::math::DVec3;
 use crate::network::Estimate;
+use crate::scene::Light;
 use ndarray::{Array3, ArrayD};
 use serde::Deserialize;
 use std::path::Path;
@@ -120,17 +122,19 @@ pub fn write_volume(
 }
 
 /// Write what a network tells: `extinction`, and `uncertainty` where it has one (km-1), on
-/// `(z, y, x)`.
+/// `(z, y, x)`, and the light of the images.
 ///
 /// # Errors
 /// When the file cannot be written.
 pub fn write_estimate(
     path: impl AsRef<Path>,
     estimate: &Estimate,
+    light: &Light,
     provenance: &Provenance,
 ) -> Result<()> {
     let mut output = Output::create(path.as_ref(), provenance)?;
     put_volume(&mut output, &estimate.extinction)?;
+    put_light(&output, light)?;
     if let Some(uncertainty) = &estimate.uncertainty {
         output.variable("uncertainty", &AXES, &uncertainty.values, UNCERTAINTY)?;
     }
@@ -226,15 +230,8 @@ struct GridSettings {
 pub fn read_grid(path: impl AsRef<Path>) -> Result<Grid> {
     let path = path.as_ref();
     if path.extension().is_some_and(|extension| extension == "toml") {
-        let text = std::fs::read_to_string(path).map_err(Error::io(path))?;
-        let settings: GridSettings = toml::from_str(&text).map_err(|problem| {
-            Error::file(
-                path,
-                "grid",
-                problem.message().replace('\n', " "),
-                "give origin_km, spacing_km (x, y, z) and shape (nz, ny, nx)",
-            )
-        })?;
+        let remedy = "give origin_km, spacing_km (x, y, z) and shape (nz, ny, nx)";
+        let settings: GridSettings = crate::files::read_toml(path, "grid", remedy)?;
         let origin = DVec3::from_array(settings.origin_km);
         let spacing = DVec3::from_array(settings.spacing_km);
         return Grid::new(origin, spacing, settings.shape).map_err(Error::in_file(path));

@@ -3,6 +3,7 @@
 mod axis;
 mod dimension;
 mod field;
+mod light;
 mod observation;
 mod read;
 mod reconstruction;
@@ -15,6 +16,7 @@ pub use field::{
     read_cloud, read_estimate, read_grid, read_mask, read_volume, write_cloud, write_estimate,
     write_mask, write_volume,
 };
+pub use light::read_light;
 pub use observation::{read_observation, write_observation};
 pub(crate) use read::{Input, Variable};
 pub use reconstruction::write_reconstruction;

@@ -1,11 +1,12 @@
 //! Images with the Sun and the cameras that they were taken by.
 
+use super::light::{get_light, put_light};
 use super::write::{Attribute::*, Output};
 use super::{Input, Provenance};
 use crate::error::{Error, Result};
 use crate::image::ViewStack;
 use crate::math::DVec3;
-use crate::scene::{Observation, Projection, Sun, View};
+use crate::scene::{Observation, Projection, View};
 use ndarray::{Array1, Array2, ArrayD};
 use std::path::Path;
 
@@ -24,7 +25,7 @@ struct Cameras {
 
 /// Write images: `radiance(view, row, col)` (sr-1) and, where it is known,
 /// `radiance_standard_error`; by view the zenith and azimuth, position, direction and
-/// target of the camera, its projection and pixel size; the Sun and the wavelength.
+/// target of the camera, its projection and pixel size; the light.
 ///
 /// # Errors
 /// When the file cannot be written.
@@ -53,7 +54,7 @@ pub(super) fn put_observation(output: &mut Output, observation: &Observation) ->
         output.variable("radiance_standard_error", &PIXELS, &error.values, &attributes)?;
     }
     write_cameras(output, &observation.views)?;
-    write_light(output, observation)
+    put_light(output, &observation.light)
 }
 
 /// Read images that [`write_observation`] wrote, every number as it was.
@@ -75,62 +76,14 @@ pub fn read_observation(path: impl AsRef<Path>) -> Result<Observation> {
     let error = "radiance_standard_error";
     let standard_error = if input.has(error) { Some(stack(error)?) } else { None };
     let views = read_views(&input, images.shape())?;
-    let sun = read_sun(&input)?;
-    let wavelength = input.scalar("wavelength")?;
-    let mut observation = Observation::new(sun, views, images)
+    let (light, assumed) = get_light(&input)?;
+    let mut observation = Observation::new(light, views, images)
         .map_err(|problem| input.error("radiance", problem.to_string(), "write it anew"))?;
     if standard_error.as_ref().is_some_and(|error| error.shape() != observation.images.shape()) {
         return Err(input.error(error, "has another shape than radiance", "write it anew"));
     }
-    (observation.wavelength, observation.standard_error) = (wavelength, standard_error);
+    (observation.assumed, observation.standard_error) = (assumed, standard_error);
     Ok(observation)
-}
-
-fn write_light(output: &Output, observation: &Observation) -> Result<()> {
-    let Observation { sun, wavelength, .. } = observation;
-    let angle = |long_name, standard_name| {
-        [
-            ("units", Text("degree")),
-            ("long_name", Text(long_name)),
-            ("standard_name", Text(standard_name)),
-        ]
-    };
-    output.scalar(
-        "sun_zenith_deg",
-        degrees(sun.zenith),
-        &angle("angle between the zenith and the Sun", "solar_zenith_angle"),
-    )?;
-    output.scalar(
-        "sun_azimuth_deg",
-        degrees(sun.azimuth),
-        &angle("azimuth towards the Sun, clockwise from north", "solar_azimuth_angle"),
-    )?;
-    output.scalar(
-        "sun_irradiance",
-        sun.irradiance,
-        &[("units", Text("1")), ("long_name", Text("solar irradiance normal to the beam"))],
-    )?;
-    output.scalar(
-        "wavelength",
-        *wavelength,
-        &[
-            ("units", Text("um")),
-            ("long_name", Text("wavelength")),
-            ("standard_name", Text("radiation_wavelength")),
-        ],
-    )
-}
-
-fn read_sun(input: &Input) -> Result<Sun> {
-    let (zenith, azimuth) = (input.scalar("sun_zenith_deg")?, input.scalar("sun_azimuth_deg")?);
-    let sun = Sun::from_degrees(zenith, azimuth).map_err(|problem| {
-        input.error("sun_zenith_deg, sun_azimuth_deg", problem.to_string(), "correct the angle")
-    })?;
-    let irradiance = input.scalar("sun_irradiance")?;
-    if !(irradiance.is_finite() && irradiance > 0.0) {
-        return Err(input.error("sun_irradiance", format!("is {irradiance}"), "give it above 0"));
-    }
-    Ok(Sun { irradiance, ..sun })
 }
 
 fn write_cameras(output: &Output, views: &[View]) -> Result<()> {
@@ -284,15 +237,4 @@ fn check_angles(
     );
     let remedy = "change camera_position or camera_direction and the angles together";
     Err(input.error("view_zenith_deg, view_azimuth_deg", problem, remedy))
-}
-
-/// The degrees that become exactly this angle (radians) again when they are read, the
-/// roundest first.
-fn degrees(radians: f64) -> f64 {
-    let nearest = radians.to_degrees();
-    let round = (nearest * 1e9).round() / 1e9;
-    [round, nearest, nearest.next_down(), nearest.next_up()]
-        .into_iter()
-        .find(|degrees| degrees.to_radians() == radians)
-        .unwrap_or(nearest)
 }

@@ -2,16 +2,18 @@
 
 use super::Provenance;
 use super::field::{put_mask, put_volume};
+use super::light::put_light;
 use super::write::{Attribute::*, Output};
 use crate::error::Result;
 use crate::grid::Mask;
 use crate::inversion::{Reconstruction, Record};
+use crate::scene::Light;
 use ndarray::Array1;
 use std::path::Path;
 
 /// Write a reconstruction: `extinction` and `mask` on `(z, y, x)`, and what was reached
 /// step by step on the dimension `step`: `block`, `seconds`, `misfit` and, where the truth
-/// was known, `relative_error` and `mass_error`. `read_volume` and `read_mask` read it.
+/// was known, `relative_error` and `mass_error`; the light of the images. `read_volume` and `read_mask` read it.
 ///
 /// # Errors
 /// When the file cannot be written.
@@ -19,11 +21,13 @@ pub fn write_reconstruction(
     path: impl AsRef<Path>,
     reconstruction: &Reconstruction,
     mask: &Mask,
+    light: &Light,
     provenance: &Provenance,
 ) -> Result<()> {
     let mut output = Output::create(path.as_ref(), provenance)?;
     put_volume(&mut output, &reconstruction.extinction)?;
     put_mask(&output, mask)?;
+    put_light(&output, light)?;
     put_history(&mut output, &reconstruction.history)?;
     output.finish()
 }

@@ -34,7 +34,7 @@ pub(super) struct Output {
 impl Output {
     /// Start a file that will be at `path`, with its global attributes.
     pub(super) fn create(path: &Path, provenance: &Provenance) -> Result<Self> {
-        let temporary = crate::io::temporary_beside(path)?;
+        let temporary = crate::files::temporary_beside(path)?;
         let file = hdf5::File::with_options()
             .with_fapl(|access| access.libver_v18())
             // Without the time of day the same run writes the same bytes.

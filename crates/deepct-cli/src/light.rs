@@ -1,0 +1,122 @@
+//! The light on the command line: described in `render`, read from the images' file everywhere else.
+
+use crate::config::{Values, flattened, read_table, single};
+use deepct_core::scene::{Light, Observation};
+use deepct_core::{Error, Result};
+use std::path::{Path, PathBuf};
+
+/// Effective radius (um) that is assumed where Mie theory needs one and nobody states it.
+const ASSUMED_RADIUS: f64 = 10.0;
+
+/// Flags that describe the light.
+#[derive(Debug, Clone, clap::Args)]
+#[command(next_help_heading = "Light")]
+pub(crate) struct LightFlags {
+    /// File that describes the light (TOML); `deepct config light` prints every key
+    #[arg(long, value_name = "FILE.toml")]
+    light: Option<PathBuf>,
+    /// Angle between the zenith and the Sun (degrees) [default: 30]
+    #[arg(long, value_name = "DEG", allow_negative_numbers = true)]
+    sun_zenith: Option<f64>,
+    /// Azimuth towards the Sun, clockwise from north (degrees) [default: 45]
+    #[arg(long, value_name = "DEG", allow_negative_numbers = true)]
+    sun_azimuth: Option<f64>,
+    /// Solar irradiance on a surface normal to the beam; radiances are in its unit per
+    /// steradian [default: 1]
+    #[arg(long, value_name = "E", allow_negative_numbers = true)]
+    solar_irradiance: Option<f64>,
+    /// Lambertian albedo of the surface [default: 0.05]
+    #[arg(long, value_name = "A", allow_negative_numbers = true)]
+    surface_albedo: Option<f64>,
+    /// Wind speed over the sea (m/s), whose waves reflect sunlight
+    #[arg(long, value_name = "M/S", allow_negative_numbers = true)]
+    wind_speed: Option<f64>,
+    /// Add the molecular (Rayleigh) atmosphere
+    #[arg(long, value_name = "true|false", num_args = 0..=1, require_equals = true, default_missing_value = "true")]
+    air: Option<bool>,
+    /// Repeat the grid without end beyond its horizontal sides
+    #[arg(long, value_name = "true|false", num_args = 0..=1, require_equals = true, default_missing_value = "true")]
+    periodic: Option<bool>,
+    /// Phase function of the droplets: hg (Henyey and Greenstein), mie or isotropic [default: hg]
+    #[arg(long, value_name = "NAME")]
+    phase: Option<String>,
+    /// Effective radius (um) of all droplets, for Mie theory
+    #[arg(long, value_name = "UM", allow_negative_numbers = true)]
+    effective_radius: Option<f64>,
+}
+
+impl LightFlags {
+    /// The values that were given: those of the file, over them those of `--set`, over them those of
+    /// the flags.
+    pub(crate) fn values(&self, set: &[String]) -> Result<Values> {
+        let mut values = Values::new();
+        if let Some(path) = &self.light {
+            values = flattened(read_table(path, "light")?);
+            Light::default().with_values(&values).map_err(Error::in_file(path))?;
+        }
+        for setting in set {
+            values.extend(flattened(single(setting)?));
+        }
+        let number = |value: Option<f64>| value.map(toml::Value::Float);
+        for (key, value) in [
+            ("sun_zenith_deg", number(self.sun_zenith)),
+            ("sun_azimuth_deg", number(self.sun_azimuth)),
+            ("solar_irradiance", number(self.solar_irradiance)),
+            ("surface_albedo", number(self.surface_albedo)),
+            ("wind_speed", number(self.wind_speed)),
+            ("air", self.air.map(toml::Value::Boolean)),
+            ("periodic", self.periodic.map(toml::Value::Boolean)),
+            ("optics.phase", self.phase.clone().map(toml::Value::String)),
+            ("optics.effective_radius", number(self.effective_radius)),
+        ] {
+            values.extend(value.map(|value| (key.to_owned(), value)));
+        }
+        Ok(values)
+    }
+
+    /// The light that the flags describe.
+    pub(crate) fn describe(&self, set: &[String]) -> Result<Light> {
+        Light::default().with_values(&self.values(set)?)
+    }
+}
+
+/// The light of images: as their file states it, with the values that were given in its place. Prints
+/// a warning for each contradiction, and what has to be assumed.
+pub(crate) fn light_of(
+    observation: &Observation,
+    path: &Path,
+    given: &Values,
+    quiet: bool,
+) -> Result<Light> {
+    let stated = observation.light.values();
+    let mut light = observation.light.with_values(given)?;
+    let assumed = |key: &String| observation.assumed.contains(key);
+    for (key, value) in light.values() {
+        if let Some(old) = stated.get(&key).filter(|old| **old != value && !assumed(&key)) {
+            let file = path.display();
+            eprintln!(
+                "deepct: warning: {key} is {old} in {file}, but {value} was given: {value} is used"
+            );
+        }
+    }
+    let mut missing: Vec<String> = observation
+        .assumed
+        .iter()
+        .filter(|key| !given.contains_key(*key))
+        .map(|key| format!("{key} = {}", light.values()[key]))
+        .collect();
+    if light.optics.effective_radius.is_none()
+        && light.optics.phase == deepct_core::scene::PhaseModel::Mie
+    {
+        light.optics.effective_radius = Some(ASSUMED_RADIUS);
+        missing.push(format!("optics.effective_radius = {ASSUMED_RADIUS}"));
+    }
+    if !missing.is_empty() && !quiet {
+        eprintln!(
+            "deepct: {} does not state all of its light; assumed: {} (--light FILE.toml states it)",
+            path.display(),
+            missing.join(", ")
+        );
+    }
+    Ok(light)
+}

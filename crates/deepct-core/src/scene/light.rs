@@ -1,0 +1,576 @@
+//! The light of a scene: everything that the solvers need to know besides the cloud.
+
+use super::{Boundary, Scene, Sun, Surface, Waves};
+use crate::cloud::{Cloud, Microphysics};
+use crate::error::{Error, Result};
+use crate::grid::Volume;
+use crate::optics::air::Air;
+use crate::optics::{
+    CLOUD_ASYMMETRY, DropletSettings, DropletTable, Medium, PhaseFunction, SizeDistribution,
+    droplet_extinction, extinction,
+};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+/// Sun, wavelength, droplet optics, molecular atmosphere, surface and lateral boundaries.
+///
+/// It travels with the images: a renderer stores it in their file, an inversion reads it from there.
+/// [`Light::scene`] makes the scene of a cloud in this light. In TOML, JSON and netCDF it is a table
+/// of plain values ([`LightTable`]), which is checked when it is read.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(into = "LightTable", try_from = "LightTable")]
+#[non_exhaustive]
+pub struct Light {
+    /// Where the sunlight comes from, and how strong it is.
+    pub sun: Sun,
+    /// Wavelength (um).
+    pub wavelength: f64,
+    /// How droplets scatter and absorb.
+    pub optics: DropletOpticsModel,
+    /// Whether there is the molecular atmosphere (Rayleigh scattering of the standard atmosphere).
+    pub air: bool,
+    /// The surface below the cloud.
+    pub surface: Surface,
+    /// What is beyond the horizontal sides of the grid.
+    pub boundary: Boundary,
+}
+
+/// How droplets scatter and absorb.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+#[non_exhaustive]
+pub struct DropletOpticsModel {
+    /// How the extinction of a cloud follows from its droplets, where it is not given.
+    pub extinction: ExtinctionModel,
+    /// The phase function.
+    pub phase: PhaseModel,
+    /// Asymmetry parameter (of [`PhaseModel::HenyeyGreenstein`]).
+    pub asymmetry: f64,
+    /// Single-scattering albedo (of all phase functions but [`PhaseModel::Mie`]).
+    pub single_scattering_albedo: f64,
+    /// Shape of the droplet size distribution (Mie).
+    pub distribution: SizeDistribution,
+    /// Width of the spectral band (um) around the wavelength (Mie); 0 for a single wavelength.
+    pub bandwidth: f64,
+    /// Effective variance of the droplet size distribution (Mie); the mean over the cloud if it is
+    /// not given.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub effective_variance: Option<f64>,
+    /// Effective radius (um) of all droplets of a cloud that is known by its extinction alone (Mie).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub effective_radius: Option<f64>,
+}
+
+/// How extinction follows from liquid water content and effective radius.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+#[non_exhaustive]
+pub enum ExtinctionModel {
+    /// Extinction efficiency 2, the limit of large droplets, at any wavelength.
+    #[default]
+    Geometric,
+    /// The extinction efficiency of Mie theory, some per cent larger in visible light.
+    Mie,
+}
+
+/// A phase function by its name.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+#[non_exhaustive]
+pub enum PhaseModel {
+    /// The function of Henyey and Greenstein, the same in every voxel.
+    #[default]
+    #[serde(rename = "hg", alias = "henyey-greenstein")]
+    HenyeyGreenstein,
+    /// Mie theory, by the effective radius of each voxel.
+    Mie,
+    /// The same in all directions.
+    Isotropic,
+}
+
+impl Default for DropletOpticsModel {
+    fn default() -> Self {
+        Self {
+            extinction: ExtinctionModel::default(),
+            phase: PhaseModel::default(),
+            asymmetry: CLOUD_ASYMMETRY,
+            single_scattering_albedo: 1.0,
+            distribution: SizeDistribution::default(),
+            bandwidth: 0.0,
+            effective_variance: None,
+            effective_radius: None,
+        }
+    }
+}
+
+impl Default for Light {
+    /// The Sun of the paper at 0.672 um, a Henyey-Greenstein phase function, no molecular
+    /// atmosphere, a dark ocean and open sides.
+    fn default() -> Self {
+        Self {
+            sun: Sun::default(),
+            wavelength: 0.672,
+            optics: DropletOpticsModel::default(),
+            air: false,
+            surface: Surface::OCEAN,
+            boundary: Boundary::Open,
+        }
+    }
+}
+
+impl From<Sun> for Light {
+    /// The default light under another Sun.
+    fn from(sun: Sun) -> Self {
+        Self { sun, ..Self::default() }
+    }
+}
+
+impl Light {
+    /// The default light with droplets after Mie theory (phase function and extinction) and with
+    /// the molecular atmosphere: that of the built-in networks' training.
+    pub fn realistic() -> Self {
+        let optics = DropletOpticsModel {
+            extinction: ExtinctionModel::Mie,
+            phase: PhaseModel::Mie,
+            ..DropletOpticsModel::default()
+        };
+        Self { air: true, optics, ..Self::default() }
+    }
+
+    /// An error unless every value is in its range.
+    ///
+    /// # Errors
+    /// Names the first value at fault.
+    pub fn check(&self) -> Result<()> {
+        let Sun { zenith, azimuth, irradiance } = self.sun;
+        Sun::from_degrees(zenith.to_degrees(), azimuth.to_degrees())?;
+        let positive = |value: f64| value.is_finite() && value > 0.0;
+        if !positive(irradiance) {
+            return Err(Error::out_of_range("solar_irradiance", irradiance, "positive"));
+        }
+        if !positive(self.wavelength) {
+            return Err(Error::out_of_range("wavelength", self.wavelength, "positive (um)"));
+        }
+        if self.air {
+            Air::new(self.wavelength)?;
+        }
+        self.surface.check()?;
+        self.optics.check()
+    }
+
+    /// The scene of a cloud in this light.
+    ///
+    /// # Errors
+    /// Values out of range; a cloud without droplets where Mie theory needs their effective radius and
+    /// none is given; a cloud with droplets where one is; a surface above the bottom of the grid.
+    pub fn scene(&self, cloud: &Cloud) -> Result<Scene> {
+        self.check()?;
+        self.scene_with(cloud, self.droplet_table(cloud)?)
+    }
+
+    /// The scene of an extinction (1/km) in this light.
+    ///
+    /// # Errors
+    /// As [`Light::scene`].
+    pub fn scene_of(&self, extinction: Volume) -> Result<Scene> {
+        self.scene(&Cloud::from_extinction(extinction)?)
+    }
+
+    /// As [`Light::scene`], with the droplet optics of [`Light::droplet_table`], which may serve
+    /// several clouds.
+    ///
+    /// # Errors
+    /// As [`Light::scene`].
+    pub fn scene_with(&self, cloud: &Cloud, table: Option<Arc<DropletTable>>) -> Result<Scene> {
+        let medium = self.medium(cloud, table)?;
+        let scene = Scene::new(medium, self.sun, self.surface)?.with_boundary(self.boundary);
+        Ok(match self.air {
+            true => scene.with_air(Air::new(self.wavelength)?),
+            false => scene,
+        })
+    }
+
+    /// The extinction (1/km) of a cloud at this wavelength: the given one, or that of its droplets.
+    ///
+    /// # Errors
+    /// A cloud with neither; effective radii beyond the tables of Mie theory.
+    pub fn extinction(&self, cloud: &Cloud) -> Result<Volume> {
+        if !self.is_extinction_by_droplets(cloud) {
+            return extinction(cloud);
+        }
+        match self.droplet_table(cloud)? {
+            Some(table) => droplet_extinction(cloud, &table),
+            None => extinction(cloud),
+        }
+    }
+
+    /// The optics of a cloud's droplets by Mie theory, for the effective radii that it has; `None`
+    /// where no Mie theory is needed.
+    ///
+    /// # Errors
+    /// Values out of range.
+    pub fn droplet_table(&self, cloud: &Cloud) -> Result<Option<Arc<DropletTable>>> {
+        if self.optics.phase != PhaseModel::Mie && !self.is_extinction_by_droplets(cloud) {
+            return Ok(None);
+        }
+        let settings = self.droplet_settings(cloud);
+        let width = self.optics.bandwidth;
+        let table = match (&cloud.microphysics, self.optics.effective_radius) {
+            (None, Some(radius)) => DropletTable::of_radii(&settings, width, &[radius])?,
+            _ => DropletTable::of_band(&settings, width)?,
+        };
+        Ok(Some(Arc::new(table)))
+    }
+
+    /// The light as it is recorded with the images of a cloud: droplets of Mie theory have the mean
+    /// effective radius of the cloud, which inversions know no better than as a number.
+    pub fn recorded(&self, cloud: &Cloud) -> Self {
+        let mut light = self.clone();
+        if light.optics.phase == PhaseModel::Mie && light.optics.effective_radius.is_none() {
+            light.optics.effective_radius = cloud.mean_effective_radius();
+        }
+        light
+    }
+
+    fn droplet_settings(&self, cloud: &Cloud) -> DropletSettings {
+        let water = DropletSettings::water(self.wavelength);
+        let mean = cloud.microphysics.as_ref().map(Microphysics::mean_effective_variance);
+        let variance = self.optics.effective_variance.or(mean);
+        DropletSettings {
+            effective_variance: variance.unwrap_or(water.effective_variance),
+            distribution: self.optics.distribution,
+            ..water
+        }
+    }
+
+    fn is_extinction_by_droplets(&self, cloud: &Cloud) -> bool {
+        self.optics.extinction == ExtinctionModel::Mie && cloud.extinction.is_none()
+    }
+
+    fn medium(&self, cloud: &Cloud, table: Option<Arc<DropletTable>>) -> Result<Medium> {
+        let values = match &table {
+            Some(table) if self.is_extinction_by_droplets(cloud) => {
+                droplet_extinction(cloud, table)?
+            }
+            _ => extinction(cloud)?,
+        };
+        let optics = &self.optics;
+        let phase = match (optics.phase, table) {
+            (PhaseModel::Mie, Some(table)) => {
+                let droplets = self.droplets(cloud)?;
+                return Medium::of_droplets(values, droplets.effective_radius, table);
+            }
+            (PhaseModel::Isotropic, _) => PhaseFunction::Isotropic,
+            _ => PhaseFunction::henyey_greenstein(optics.asymmetry)?,
+        };
+        Medium::new(values, optics.single_scattering_albedo, phase)
+    }
+
+    /// The droplets of the cloud, or those of the one size that the light gives it.
+    fn droplets(&self, cloud: &Cloud) -> Result<Microphysics> {
+        let setting = "optics.effective_radius";
+        match (&cloud.microphysics, self.optics.effective_radius) {
+            (Some(droplets), None) => Ok(droplets.clone()),
+            (None, Some(radius)) => Ok(Microphysics::of_one_size(cloud.grid.shape, radius as f32)),
+            (Some(_), Some(radius)) => {
+                let range = "left out, as the cloud has its own effective radii";
+                Err(Error::out_of_range(setting, radius, range))
+            }
+            (None, None) => {
+                let range = "set (um), as the cloud is known by its extinction alone";
+                Err(Error::out_of_range(setting, "not set", range))
+            }
+        }
+    }
+}
+
+/// The keys of a [`LightTable`] with dots between its levels, those that may be absent last.
+const KEYS: [&str; 17] = [
+    "sun_zenith_deg",
+    "sun_azimuth_deg",
+    "solar_irradiance",
+    "wavelength",
+    "air",
+    "surface_albedo",
+    "surface_altitude_km",
+    "periodic",
+    "optics.extinction",
+    "optics.phase",
+    "optics.asymmetry",
+    "optics.single_scattering_albedo",
+    "optics.distribution",
+    "optics.bandwidth",
+    "wind_speed",
+    "optics.effective_variance",
+    "optics.effective_radius",
+];
+/// The number of keys that may be absent.
+const OPTIONAL: usize = 3;
+
+impl Light {
+    /// The keys of [`Light::values`].
+    pub fn keys() -> &'static [&'static str] {
+        &KEYS
+    }
+
+    /// Those that are always there.
+    pub fn required_keys() -> &'static [&'static str] {
+        &KEYS[..KEYS.len() - OPTIONAL]
+    }
+
+    /// Its table as pairs of a key with dots and a value.
+    pub fn values(&self) -> BTreeMap<String, toml::Value> {
+        let table = toml::Table::try_from(self).expect("plain values");
+        let mut values = BTreeMap::new();
+        for (key, value) in table {
+            match value {
+                toml::Value::Table(below) => values.extend(
+                    below.into_iter().map(|(name, value)| (format!("{key}.{name}"), value)),
+                ),
+                value => {
+                    values.insert(key, value);
+                }
+            }
+        }
+        values
+    }
+
+    /// The same light with the values of some keys replaced.
+    ///
+    /// # Errors
+    /// An unknown key, a value of a wrong type or out of range.
+    pub fn with_values(&self, values: &BTreeMap<String, toml::Value>) -> Result<Self> {
+        let mut table = toml::Table::new();
+        for (key, value) in self.values().iter().chain(values) {
+            // A wind speed in whole metres per second is a number all the same.
+            let value = match value {
+                toml::Value::Integer(number) => toml::Value::Float(*number as f64),
+                value => value.clone(),
+            };
+            match key.split_once('.') {
+                None => {
+                    table.insert(key.clone(), value);
+                }
+                Some((above, name)) => {
+                    let below = table.entry(above).or_insert_with(|| toml::Table::new().into());
+                    let Some(below) = below.as_table_mut() else {
+                        return Err(Error::out_of_range(
+                            "light",
+                            key,
+                            "a key of `deepct config light`",
+                        ));
+                    };
+                    below.insert(name.to_owned(), value);
+                }
+            }
+        }
+        let table: LightTable = table.try_into().map_err(|problem: toml::de::Error| {
+            let given: Vec<_> =
+                values.iter().map(|(key, value)| format!("{key} = {value}")).collect();
+            let problem = problem.message().replace('\n', " ");
+            let range = format!("as `deepct config light` prints it: {problem}");
+            Error::out_of_range("light", given.join(", "), range)
+        })?;
+        table.try_into()
+    }
+}
+
+impl DropletOpticsModel {
+    fn check(&self) -> Result<()> {
+        PhaseFunction::henyey_greenstein(self.asymmetry)?;
+        let albedo = self.single_scattering_albedo;
+        if !(0.0..=1.0).contains(&albedo) {
+            let range = "between 0 and 1";
+            return Err(Error::out_of_range("optics.single_scattering_albedo", albedo, range));
+        }
+        if self.effective_radius.is_some_and(|radius| !(0.1..=50.0).contains(&radius)) {
+            let radius = self.effective_radius.unwrap_or_default();
+            return Err(Error::out_of_range(
+                "optics.effective_radius",
+                radius,
+                "from 0.1 to 50 um",
+            ));
+        }
+        Ok(())
+    }
+}
+
+/// A [`Light`] in plain values, as it stands in files: angles in degrees, absent values left out.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+#[non_exhaustive]
+pub struct LightTable {
+    /// Angle between the zenith and the Sun (degrees).
+    pub sun_zenith_deg: f64,
+    /// Azimuth towards the Sun, clockwise from north (degrees).
+    pub sun_azimuth_deg: f64,
+    /// Solar irradiance on a surface normal to the beam; radiances are in its unit per steradian.
+    pub solar_irradiance: f64,
+    /// Wavelength (um).
+    pub wavelength: f64,
+    /// Whether there is the molecular atmosphere.
+    pub air: bool,
+    /// Lambertian albedo of the surface.
+    pub surface_albedo: f64,
+    /// Altitude of the surface (km).
+    pub surface_altitude_km: f64,
+    /// Wind speed over the sea (m/s), whose waves reflect sunlight; none for a surface without waves.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub wind_speed: Option<f64>,
+    /// Whether the grid is repeated without end beyond its horizontal sides.
+    pub periodic: bool,
+    /// How droplets scatter and absorb.
+    pub optics: DropletOpticsModel,
+}
+
+impl Default for LightTable {
+    fn default() -> Self {
+        Light::default().into()
+    }
+}
+
+impl From<Light> for LightTable {
+    fn from(light: Light) -> Self {
+        let Light { sun, wavelength, optics, air, surface, boundary } = light;
+        Self {
+            sun_zenith_deg: degrees(sun.zenith),
+            sun_azimuth_deg: degrees(sun.azimuth),
+            solar_irradiance: sun.irradiance,
+            wavelength,
+            air,
+            surface_albedo: surface.albedo,
+            surface_altitude_km: surface.altitude,
+            wind_speed: surface.waves.map(|waves| waves.wind_speed()),
+            periodic: boundary == Boundary::Periodic,
+            optics,
+        }
+    }
+}
+
+impl TryFrom<LightTable> for Light {
+    type Error = Error;
+
+    fn try_from(table: LightTable) -> Result<Self> {
+        let sun = Sun {
+            irradiance: table.solar_irradiance,
+            ..Sun::from_degrees(table.sun_zenith_deg, table.sun_azimuth_deg)?
+        };
+        let surface = Surface {
+            albedo: table.surface_albedo,
+            altitude: table.surface_altitude_km,
+            waves: table.wind_speed.map(Waves::new).transpose()?,
+        };
+        let boundary = if table.periodic { Boundary::Periodic } else { Boundary::Open };
+        let (wavelength, optics, air) = (table.wavelength, table.optics, table.air);
+        let light = Self { sun, wavelength, optics, air, surface, boundary };
+        light.check()?;
+        Ok(light)
+    }
+}
+
+/// The degrees that become exactly this angle (radians) again when they are read, the roundest
+/// first.
+fn degrees(radians: f64) -> f64 {
+    let nearest = radians.to_degrees();
+    let round = (nearest * 1e9).round() / 1e9;
+    [round, nearest, nearest.next_down(), nearest.next_up()]
+        .into_iter()
+        .find(|degrees| degrees.to_radians() == radians)
+        .unwrap_or(nearest)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::grid::Grid;
+    use crate::math::DVec3;
+    use crate::optics::Scattering;
+
+    fn grid() -> Grid {
+        Grid::new(DVec3::new(0.0, 0.0, 0.5), DVec3::splat(0.1), [2, 2, 2]).unwrap()
+    }
+
+    /// What a file holds is what was written, to the last bit.
+    #[test]
+    fn a_table_gives_the_same_light_again() {
+        let mut light = Light::realistic();
+        light.sun = Sun::from_degrees(41.3, 271.7).unwrap();
+        light.surface.waves = Some(Waves::new(7.3).unwrap());
+        light.surface.altitude = 0.1;
+        light.boundary = Boundary::Periodic;
+        light.optics.effective_radius = Some(8.1);
+        light.optics.bandwidth = 0.02;
+        let text = toml::to_string(&light).unwrap();
+        assert_eq!(toml::from_str::<Light>(&text).unwrap(), light);
+        assert_eq!(toml::from_str::<Light>("").unwrap(), Light::default());
+        let json = serde_json::to_string(&light).unwrap();
+        assert_eq!(serde_json::from_str::<Light>(&json).unwrap(), light);
+    }
+
+    #[test]
+    fn values_out_of_range_and_unknown_keys_are_refused() {
+        for text in [
+            "sun_zenith_deg = 95.0",
+            "solar_irradiance = 0.0",
+            "wavelength = -0.6",
+            "surface_albedo = 1.5",
+            "wind_speed = 100.0",
+            "air = true\nwavelength = 80.0",
+            "optics.asymmetry = 1.5",
+            "optics.single_scattering_albedo = 2.0",
+            "optics.effective_radius = 500.0",
+            "optics.phase = \"rayleigh\"",
+            "sun_zenit_deg = 3.0",
+        ] {
+            assert!(toml::from_str::<Light>(text).is_err(), "{text}");
+        }
+    }
+
+    #[test]
+    fn keys_are_those_of_the_table() {
+        let mut light = Light::realistic();
+        light.surface.waves = Some(Waves::new(5.0).unwrap());
+        light.optics.effective_radius = Some(8.0);
+        light.optics.effective_variance = Some(0.2);
+        let values = light.values();
+        let mut keys = Light::keys().to_vec();
+        keys.sort_unstable();
+        assert_eq!(values.keys().collect::<Vec<_>>(), keys);
+        assert_eq!(Light::default().with_values(&values).unwrap(), light);
+        for key in Light::required_keys() {
+            assert!(Light::default().values().contains_key(*key), "{key}");
+        }
+        let one = |key: &str, value: toml::Value| BTreeMap::from([(key.to_owned(), value)]);
+        let windy = light.with_values(&one("wind_speed", 7.into())).unwrap();
+        assert_eq!(windy.surface.waves.unwrap().wind_speed(), 7.0);
+        for (key, value) in
+            [("wind", 3.0.into()), ("optics.phase.x", 1.0.into()), ("air", 3.into())]
+        {
+            assert!(light.with_values(&one(key, value)).is_err(), "{key}");
+        }
+    }
+
+    /// An extinction and a cloud of one droplet size are the same scene.
+    #[test]
+    fn an_extinction_scatters_as_droplets_of_the_given_size() {
+        let mut light = Light::realistic();
+        let extinction = Volume::constant(grid(), 20.0);
+        assert!(light.scene_of(extinction.clone()).is_err(), "no effective radius");
+        light.optics.effective_radius = Some(9.0);
+        let scene = light.scene_of(extinction.clone()).unwrap();
+        assert_eq!(scene.medium.extinction, extinction);
+        assert!(scene.air.is_some());
+        let Scattering::Droplets { effective_radius, table } = &scene.medium.scattering else {
+            panic!("no droplets");
+        };
+        assert_eq!(effective_radius[[1, 1, 1]], 9.0);
+        assert_eq!(table.nodes().len(), 1);
+        // A cloud that has droplets contradicts the light.
+        let mut cloud = Cloud::from_extinction(extinction).unwrap();
+        cloud.microphysics = Some(Microphysics::of_one_size([2, 2, 2], 7.0));
+        assert!(light.scene(&cloud).is_err());
+        light.optics.effective_radius = None;
+        assert!(light.scene(&cloud).is_ok());
+    }
+}
