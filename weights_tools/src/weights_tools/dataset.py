@@ -18,7 +18,10 @@ from torch import Tensor
 
 from weights_tools.errors import InputError
 
-FORMAT = "deepct-dataset 1"
+FORMAT = "deepct-dataset 2"
+"""The format of manifests that are written today."""
+FORMATS = ("deepct-dataset 1", FORMAT)
+"""Those that are read: the first had its light spread over the settings."""
 """What the manifest's ``format`` has to be."""
 
 CLOUDCT_10_DEG = (-46.0, -34.0, -26.0, -18.0, -9.0, 0.0, 9.0, 18.0, 26.0, 34.0)
@@ -205,7 +208,7 @@ def _read_manifest(path: Path) -> tuple[dict[str, Any], str]:
         manifest = json.loads(text)
     except ValueError as problem:
         raise InputError(path, f"is not JSON ({problem})", _REMEDY) from None
-    if not isinstance(manifest, dict) or manifest.get("format") != FORMAT:
+    if not isinstance(manifest, dict) or manifest.get("format") not in FORMATS:
         raise InputError(path, f'"format" is not "{FORMAT}"', _REMEDY)
     for key in ("formation", "geometry", "image_shape", "voxel_spacing_km", "levels", "samples"):
         if key not in manifest:
