@@ -22,7 +22,6 @@ FORMAT = "deepct-dataset 2"
 """The format of manifests that are written today."""
 FORMATS = ("deepct-dataset 1", FORMAT)
 """Those that are read: the first had its light spread over the settings."""
-"""What the manifest's ``format`` has to be."""
 
 CLOUDCT_10_DEG = (-46.0, -34.0, -26.0, -18.0, -9.0, 0.0, 9.0, 18.0, 26.0, 34.0)
 """View zeniths of the paper's 10 satellites (degrees); negative ones look from the south."""
