@@ -108,7 +108,7 @@ impl Default for FieldSettings {
 }
 
 /// What all clouds of one grid have in common.
-struct Weather<'a> {
+struct CloudParameters<'a> {
     grid: Grid,
     turbulence: &'a Array3<f32>,
     /// The largest value of the turbulence.
@@ -151,7 +151,7 @@ pub fn cumulus(settings: &CumulusSettings, seed: u64) -> Result<Cloud> {
     check_length("width_km", width, widest)?;
     check_length("depth_km", depth, tallest)?;
     let turbulence = turbulence(&grid, 0.5 * width, DAMPED * grid.spacing.max_element(), seed);
-    let weather = Weather {
+    let parameters = CloudParameters {
         grid,
         strongest: strongest(&turbulence),
         turbulence: &turbulence,
@@ -162,7 +162,7 @@ pub fn cumulus(settings: &CumulusSettings, seed: u64) -> Result<Cloud> {
     };
     let mut water = Array3::zeros(grid.shape);
     let center = grid.center();
-    weather.add(&mut water, &turrets(&mut rng, [center.x, center.y], width, depth));
+    parameters.add(&mut water, &turrets(&mut rng, [center.x, center.y], width, depth));
     let droplets = Microphysics::from_droplet_number(water, settings.droplets_per_cm3)?;
     Cloud::from_microphysics(grid, droplets)
 }
@@ -182,7 +182,7 @@ pub fn field(settings: &FieldSettings, seed: u64) -> Result<Cloud> {
     check_length("widths_km", widest, 0.85 * grid.extent().x.min(grid.extent().y))?;
     check_length("widths_km", narrowest, widest)?;
     let turbulence = turbulence(&grid, 0.5 * widest, DAMPED * grid.spacing.max_element(), seed);
-    let weather = Weather {
+    let parameters = CloudParameters {
         grid,
         strongest: strongest(&turbulence),
         turbulence: &turbulence,
@@ -206,7 +206,7 @@ pub fn field(settings: &FieldSettings, seed: u64) -> Result<Cloud> {
         let width = power_law(&mut rng, settings.widths_km, settings.size_exponent);
         let depth = (width * rng.random_range(0.8..1.5)).min(tallest);
         let place = grid.lower() + grid.extent() * DVec3::new(rng.random(), rng.random(), 0.0);
-        weather.add(&mut water, &turrets(&mut rng, [place.x, place.y], width, depth));
+        parameters.add(&mut water, &turrets(&mut rng, [place.x, place.y], width, depth));
     }
     let droplets = Microphysics::from_droplet_number(water, settings.droplets_per_cm3)?;
     Cloud::from_microphysics(grid, droplets)
@@ -223,7 +223,7 @@ pub fn adiabatic_liquid_water(height: f64) -> f64 {
     (w0 + (height - h0) / (h1 - h0) * (w1 - w0)).max(0.0)
 }
 
-impl Weather<'_> {
+impl CloudParameters<'_> {
     /// Add the water of a cloud, across the sides where it reaches them; where there is
     /// more already it stays.
     fn add(&self, water: &mut Array3<f32>, turrets: &[Turret]) {
@@ -290,23 +290,23 @@ fn dilution(depth: f64) -> f64 {
 impl Turret {
     /// How far (km) the axis of the turret is from a coordinate at a height, the nearest
     /// way around the domain. `axis` is 0 for x and 1 for y.
-    fn offset(&self, weather: &Weather, axis: usize, at: f64, height: f64) -> f64 {
-        let period = weather.grid.extent()[axis];
+    fn offset(&self, parameters: &CloudParameters, axis: usize, at: f64, height: f64) -> f64 {
+        let period = parameters.grid.extent()[axis];
         let distance = at - [self.x, self.y][axis] - self.lean[axis] * height;
         distance - period * (distance / period).round()
     }
 
     /// Whether the turret, displaced as far as it is anywhere, can touch a row.
-    fn reaches(&self, weather: &Weather, y: f64, height: f64) -> bool {
-        let most = 1.0 + weather.displacement * weather.strongest;
-        self.offset(weather, 1, y, height).abs() < most * self.radius
+    fn reaches(&self, parameters: &CloudParameters, y: f64, height: f64) -> bool {
+        let most = 1.0 + parameters.displacement * parameters.strongest;
+        self.offset(parameters, 1, y, height).abs() < most * self.radius
     }
 
     /// How deep inside the turret a point is, as a share of its radius; negative
     /// outside. The turret bulges up to two thirds of its height and is round above.
-    fn depth(&self, weather: &Weather, at: DVec3, height: f64) -> f64 {
-        let east = self.offset(weather, 0, at.x, height);
-        let north = self.offset(weather, 1, at.y, height);
+    fn depth(&self, parameters: &CloudParameters, at: DVec3, height: f64) -> f64 {
+        let east = self.offset(parameters, 0, at.x, height);
+        let north = self.offset(parameters, 1, at.y, height);
         let rise = height / self.height;
         let bulge = 0.6;
         let outline = if rise < bulge {

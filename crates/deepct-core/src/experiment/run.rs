@@ -29,23 +29,23 @@ pub fn run(settings: &ExperimentSettings, folder: &Path, watch: &dyn Watch) -> R
     settings.check()?;
     let weights = io::load_weights(&settings.weights)?;
     let cases = cases(settings)?;
-    let bench = Bench { settings, folder, network: Network::new(&weights)? };
-    bench.claim()?;
+    let runner = MethodRunner { settings, folder, network: Network::new(&weights)? };
+    runner.claim()?;
     let mut experiment = Experiment { outcomes: Vec::new(), made: 0, interrupted: false };
     let total = cases.len() * settings.methods.len();
     for case in &cases {
         let mut work = None;
         for &method in &settings.methods {
             watch.begins(&case.name, method, experiment.outcomes.len() + 1, total);
-            if let Some(outcome) = bench.found(case, method)? {
+            if let Some(outcome) = runner.found(case, method)? {
                 experiment.outcomes.push(outcome);
                 continue;
             }
             let work = match &mut work {
                 Some(work) => work,
-                none => none.insert(bench.open(case)?),
+                none => none.insert(runner.open(case)?),
             };
-            let Some(outcome) = bench.make(case, method, work, watch)? else {
+            let Some(outcome) = runner.make(case, method, work, watch)? else {
                 experiment.interrupted = true;
                 return Ok(experiment);
             };
@@ -59,7 +59,7 @@ pub fn run(settings: &ExperimentSettings, folder: &Path, watch: &dyn Watch) -> R
 }
 
 /// What stays the same from cloud to cloud.
-struct Bench<'a> {
+struct MethodRunner<'a> {
     settings: &'a ExperimentSettings,
     folder: &'a Path,
     network: Network,
@@ -75,7 +75,7 @@ struct Work {
     carving: f64,
 }
 
-impl Bench<'_> {
+impl MethodRunner<'_> {
     /// Make the folders, and make sure that they are of this experiment.
     fn claim(&self) -> Result<()> {
         for name in ["clouds", "results", "volumes", "figures"] {

@@ -11,7 +11,7 @@ use std::collections::BTreeMap;
 /// pixel sees well is not thrown about.
 const LEAST_SENSITIVITY: f64 = 0.1;
 
-/// Share of the diagonal that is taken for what pixels see along their sights, and again for what
+/// Share of the diagonal that is taken for what pixels see along their lines_of_sight, and again for what
 /// every voxel does by itself. So small a share lets the prior lead; other shares are in
 /// docs/deterministic_solver.md, "What the optimiser knows".
 const SHARE: f64 = 0.03;
@@ -19,7 +19,7 @@ const SHARE: f64 = 0.03;
 /// Where the four rays through a pixel pass, in parts of its sides.
 const RAYS: [[f64; 2]; 4] = [[0.25, 0.25], [0.25, 0.75], [0.75, 0.25], [0.75, 0.75]];
 
-/// Second derivatives of half the misfit, for a pixel that sees of each voxel on its sight the
+/// Second derivatives of half the misfit, for a pixel that sees of each voxel on its line_of_sight the
 /// path through it, dimmed by what stands before it.
 ///
 /// `share * (G P^T P G + D)`: `P` holds the paths, a row for each pixel; the gains `G` give
@@ -27,7 +27,7 @@ const RAYS: [[f64; 2]; 4] = [[0.25, 0.25], [0.25, 0.75], [0.75, 0.25], [0.75, 0.
 #[derive(Debug, Clone)]
 pub(super) struct Curvature {
     /// The variables that each pixel sees, with its path (km) over its standard error.
-    sights: Vec<Vec<(u32, f64)>>,
+    lines_of_sight: Vec<Vec<(u32, f64)>>,
     gains: Vec<f64>,
     diagonal: Vec<f64>,
 }
@@ -45,7 +45,7 @@ impl Curvature {
         let least = LEAST_SENSITIVITY.powi(2) * diagonal.iter().sum::<f64>() / count as f64;
         diagonal.iter_mut().for_each(|d| *d = d.max(least));
         let numbers = variables.numbers();
-        let sights: Vec<Vec<(u32, f64)>> = measurement
+        let lines_of_sight: Vec<Vec<(u32, f64)>> = measurement
             .weights()
             .map(|([view, row, col], weight)| {
                 let mut paths = BTreeMap::new();
@@ -64,13 +64,13 @@ impl Curvature {
             })
             .collect();
         let mut squares = vec![0.0; count];
-        for (number, path) in sights.iter().flatten() {
+        for (number, path) in lines_of_sight.iter().flatten() {
             squares[*number as usize] += path * path;
         }
-        // Voxels that no sight meets have a diagonal alone.
+        // Voxels that no line_of_sight meets have a diagonal alone.
         let gain = |(d, square): (&f64, f64)| if square > 0.0 { (d / square).sqrt() } else { 0.0 };
         let gains = diagonal.iter().zip(squares).map(gain).collect();
-        Self { sights, gains, diagonal }
+        Self { lines_of_sight, gains, diagonal }
     }
 
     /// The diagonal.
@@ -82,9 +82,9 @@ impl Curvature {
     pub(super) fn times(&self, vector: &[f64]) -> Vec<f64> {
         let gained: Vec<f64> = vector.iter().zip(&self.gains).map(|(v, g)| v * g).collect();
         let mut seen = vec![0.0; vector.len()];
-        for sight in &self.sights {
-            let sum: f64 = sight.iter().map(|(number, path)| path * gained[*number as usize]).sum();
-            for (number, path) in sight {
+        for line_of_sight in &self.lines_of_sight {
+            let sum: f64 = line_of_sight.iter().map(|(number, path)| path * gained[*number as usize]).sum();
+            for (number, path) in line_of_sight {
                 seen[*number as usize] += path * sum;
             }
         }
@@ -120,7 +120,7 @@ mod tests {
         let diagonal = vec![4.0, 9.0];
         let views = &observation.views;
         let curvature = Curvature::new(&measurement, views, &extinction, &variables, diagonal);
-        let [(lower, short), (higher, long)] = curvature.sights[0][..] else {
+        let [(lower, short), (higher, long)] = curvature.lines_of_sight[0][..] else {
             panic!("two voxels")
         };
         assert_eq!((lower, higher), (0, 1));

@@ -8,7 +8,7 @@
 mod architecture;
 mod batch_norm;
 mod layout;
-mod lift;
+mod resample;
 mod metadata;
 mod weights;
 
@@ -23,14 +23,14 @@ use crate::error::{Error, Result};
 use crate::grid::{Grid, Volume};
 use crate::image::{ImagingGeometry, ViewStack};
 use crate::math::DVec3;
-use lift::Lift;
+use resample::PlaneResampler;
 use ndarray::{Array3, s};
 
 /// A network that is ready to run: its weights packed for this processor.
 #[derive(Debug, Clone)]
 pub struct Network {
     metadata: WeightsMetadata,
-    lift: Option<Lift>,
+    resampler: Option<PlaneResampler>,
     stack: Stack,
 }
 
@@ -100,7 +100,7 @@ impl Network {
         let scales =
             Scales { input: metadata.input_scale as f32, output: metadata.output_scale as f32 };
         let stack = Stack::new(layers.collect::<Result<_>>()?, settings)?.with_scales(scales);
-        Ok(Self { metadata: metadata.clone(), lift: Lift::new(metadata), stack })
+        Ok(Self { metadata: metadata.clone(), resampler: PlaneResampler::new(metadata), stack })
     }
 
     /// What the network is for.
@@ -180,8 +180,8 @@ impl Network {
     /// A size of nothing, or one that no memory can hold.
     pub fn scratch(&self, size: [usize; 3]) -> Result<Scratch> {
         let stack = self.stack.scratch(size)?;
-        let ground = match &self.lift {
-            Some(lift) => vec![0.0; lift.ground_len(size)?],
+        let ground = match &self.resampler {
+            Some(resampler) => vec![0.0; resampler.ground_len(size)?],
             None => Vec::new(),
         };
         Ok(Scratch { stack, size, ground })
@@ -195,19 +195,19 @@ impl Network {
     /// Slices that are not of these shapes.
     pub fn run(&self, input: &[f32], output: &mut [f32], scratch: &mut Scratch) -> Result<()> {
         let Scratch { stack, size, ground } = scratch;
-        let Some(lift) = &self.lift else { return self.stack.run(input, output, stack) };
+        let Some(resampler) = &self.resampler else { return self.stack.run(input, output, stack) };
         let [count, rows, cols] = *size;
         for (what, expected, found) in [
             ("number of values of the input", count * self.views() * rows * cols, input.len()),
-            ("length of the scratch", lift.ground_len(*size)?, ground.len()),
+            ("length of the scratch", resampler.ground_len(*size)?, ground.len()),
         ] {
             if expected != found {
                 let remedy = "give images [cloud, view, row, col] and the scratch made for them";
                 return Err(Error::mismatch(what, expected, found, remedy));
             }
         }
-        lift.lay(input, [rows, cols], ground);
-        self.stack.run_from(&lift.source(ground, [rows, cols]), output, stack)
+        resampler.resample(input, [rows, cols], ground);
+        self.stack.run_from(&resampler.source(ground, [rows, cols]), output, stack)
     }
 }
 

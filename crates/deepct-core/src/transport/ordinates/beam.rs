@@ -37,7 +37,7 @@ impl Rays<'_> {
         let at = |x| segment.from + x * reach;
         let value = |x| self.lattice.value_in(self.extinction, segment.number, at(x));
         let mean = 0.5 * (value(TWO[0]) + value(TWO[1]));
-        f64::from(self.optics.kept(segment.number)) * segment.length * mean
+        f64::from(self.optics.delta_m_scaling(segment.number)) * segment.length * mean
     }
 
     /// Optical depth along a ray.
@@ -55,8 +55,8 @@ impl Rays<'_> {
     /// Add to the derivative by voxel what follows from one by the depth along a ray.
     pub(super) fn spread_depth(&self, ray: Ray, value: f64, into: &mut [f64]) {
         for segment in self.lattice.segments(ray) {
-            let kept = f64::from(self.optics.kept(segment.number));
-            let weight = 0.5 * value * kept * segment.length;
+            let scaling = f64::from(self.optics.delta_m_scaling(segment.number));
+            let weight = 0.5 * value * scaling * segment.length;
             for x in TWO {
                 let at = segment.from + x * (segment.to - segment.from);
                 self.lattice.spread_in(into, segment.number, at, weight);

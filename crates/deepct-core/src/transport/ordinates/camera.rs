@@ -144,7 +144,7 @@ struct Step {
     slot: usize,
     points: [Point; 2],
     /// Extinction without the peak over extinction, and the length of the step (km).
-    kept: f64,
+    scaling: f64,
     length: f64,
     /// Light of the air before the cell and in the step, that reaches the camera.
     before: f64,
@@ -286,7 +286,7 @@ impl Camera<'_> {
             // Backwards: what is behind a point is weakened by it.
             let mut behind = beyond.transmittance * beyond.outside.radiance();
             for step in path.steps.iter().rev() {
-                let Step { slot, kept, length, air, .. } = *step;
+                let Step { slot, scaling, length, air, .. } = *step;
                 let seen = step.weakened();
                 for (number, point) in step.points.iter().enumerate() {
                     let weakened = before[0][number] * seen[0]
@@ -294,7 +294,7 @@ impl Camera<'_> {
                         + before_middle[number] * air
                         + 0.5 * behind;
                     let own = 0.5 * length * point.source * point.transmittance;
-                    let value = weight * (own - length * kept * weakened);
+                    let value = weight * (own - length * scaling * weakened);
                     self.rays.lattice.spread(&mut into.extinction, slot, point.at, value);
                     let light = weight * 0.5 * length * point.extinction * point.transmittance;
                     spread_sun_depth(
@@ -315,7 +315,7 @@ impl Camera<'_> {
 
     /// Go along a ray; gives what is before and behind its steps. Those through voxels without
     /// extinction matter to the derivative alone, where `empty` ones are asked for.
-    fn walk(&self, ray: Ray, prepared: &Prepared, empty: bool, path: &mut Path) -> Beyond {
+    fn walk(&self, ray: Ray, prepared: &Prepared, empty: bool, path: &mut Path) -> Background {
         let Path { steps, densities } = path;
         steps.clear();
         let Rays { lattice, optics, extinction, .. } = self.rays;
@@ -342,9 +342,9 @@ impl Camera<'_> {
             if !empty && !lattice.voxels_of(number).iter().any(holds) {
                 continue;
             }
-            let kept = f64::from(optics.kept(number));
+            let scaling = f64::from(optics.delta_m_scaling(number));
             // Not by the extinction that there is: the radiance would jump where it changes.
-            let thickness = kept * f64::from(lattice.active()[number].prepared) / STEP;
+            let thickness = scaling * f64::from(lattice.active()[number].prepared) / STEP;
             let [entered, _] = air.at(altitude(segment.enter));
             let mut gap = to_top * (entered - light) * f64::exp(-depth);
             light = entered;
@@ -359,7 +359,7 @@ impl Camera<'_> {
                     let [seen, passed] =
                         air.at(altitude(cell.enter + (step as f64 + 1.0) * length));
                     let part = |weights: [f64; 2]| {
-                        kept * length * (weights[0] * values[0] + weights[1] * values[1])
+                        scaling * length * (weights[0] * values[0] + weights[1] * values[1])
                     };
                     let point = |n: usize| {
                         let at = places[n];
@@ -387,7 +387,7 @@ impl Camera<'_> {
                     steps.push(Step {
                         slot,
                         points: [point(0), point(1)],
-                        kept,
+                        scaling,
                         length,
                         before: std::mem::take(&mut gap),
                         air: to_top * (seen - light) * (-depth - part(before_middle)).exp(),
@@ -399,11 +399,11 @@ impl Camera<'_> {
         }
         let Some([enter, leave]) = inside else {
             let outside = self.surroundings.outside(&ray, self.on_surface);
-            return Beyond { before: 0.0, transmittance: 1.0, outside };
+            return Background { before: 0.0, transmittance: 1.0, outside };
         };
         let behind = Ray { origin: ray.at(leave), ..ray };
         let [last, _] = air.at(altitude(leave));
-        Beyond {
+        Background {
             before: self.surroundings.before(&ray, enter)
                 + to_top * (last - light) * f64::exp(-depth),
             transmittance: self.surroundings.transmittance(&ray, 0.0, leave) * (-depth).exp(),
@@ -433,7 +433,7 @@ struct Path {
 
 /// What a ray sees before and behind the cloud.
 #[derive(Debug, Clone, Copy)]
-struct Beyond {
+struct Background {
     /// Light of the air before the cloud.
     before: f64,
     /// Transmittance from behind the cloud to the camera, and what is there.

@@ -13,7 +13,7 @@ impl OrdinatesModel {
     /// The derivative by voxel, and the adjoint radiance.
     pub(super) fn differentiate(&self, state: &State, weights: &ViewStack) -> (Vec<f64>, Field) {
         let rays = self.rays(&state.extinction);
-        let transport = self.transport(rays, &state.whole, &state.kept);
+        let transport = self.transport(rays, &state.unscaled, &state.scaled);
         let count = self.quadrature.harmonics;
         let (mut derivative, mut by_moments) = self.seen(state, weights);
 
@@ -32,7 +32,7 @@ impl OrdinatesModel {
 
         // What extinction does to light on its way, forwards and backwards.
         let forward = Origin { own: &state.first, outside: &state.outside, ..Origin::default() };
-        let (by_kept, mut leaving) =
+        let (by_scaled, mut leaving) =
             transport.by_extinction([(&state.field, forward), (&adjoint, backward)]);
         if !state.shade.is_empty() {
             let spread = |(octant, leaving): (&Octant, &mut Faces)| {
@@ -52,7 +52,7 @@ impl OrdinatesModel {
         reverse(&mut reversed, count);
         let turned = self.turned_sunlight();
         let mut by_stopped = vec![[0.0; 4]; self.lattice.len()];
-        for (slot, by_kept) in by_kept.iter().enumerate() {
+        for (slot, by_scaled) in by_scaled.iter().enumerate() {
             let row = |m: usize| (slot * 4 + m) * count..(slot * 4 + m + 1) * count;
             let (number, share) = (self.lattice.owner(slot), self.lattice.share(slot));
             let by = self.optics.scattered(number);
@@ -60,7 +60,7 @@ impl OrdinatesModel {
                 let pairs = reversed[row(a)].iter().zip(&state.field.moments[row(b)]);
                 pairs.zip(by).map(|((a, b), by)| a * b * by).sum()
             };
-            let mut values = by_kept.map(|value| self.optics.kept(number) * value);
+            let mut values = by_scaled.map(|value| self.optics.delta_m_scaling(number) * value);
             values[0] += (0..4).map(|m| product(m, m)).sum::<f32>();
             (1..4).for_each(|m| values[m] += product(0, m) + product(m, 0));
             let values = values.map(|value| share * value);

@@ -38,9 +38,9 @@ pub(super) struct Transport<'a> {
     pub(super) quadrature: &'a Quadrature,
     pub(super) surroundings: &'a Surroundings,
     /// Mean and slopes of the extinction of each active cell, with the peak.
-    pub(super) whole: &'a [[f32; 4]],
+    pub(super) unscaled: &'a [[f32; 4]],
     /// Without the peak.
-    pub(super) kept: &'a [[f32; 4]],
+    pub(super) scaled: &'a [[f32; 4]],
 }
 
 /// Where radiance comes from, besides scattering.
@@ -55,14 +55,14 @@ pub(super) struct Origin<'a> {
 }
 
 /// Large arrays that every sweep needs, kept from one to the next.
-struct Room {
+struct SweepBuffers {
     /// `[slot][4][harmonic]`.
     source: Vec<f32>,
     /// For octants that are swept on different threads.
     parts: Vec<Moments>,
 }
 
-impl Room {
+impl SweepBuffers {
     fn new(length: usize) -> Self {
         let parts = (0..ARRAYS).map(|_| Moments { values: vec![0.0; length] }).collect();
         Self { source: vec![0.0; length], parts }
@@ -75,7 +75,7 @@ impl Transport<'_> {
     }
 
     fn medium(&self) -> Medium<'_> {
-        Medium { lattice: self.lattice(), extinction: self.kept }
+        Medium { lattice: self.lattice(), extinction: self.scaled }
     }
 
     /// No radiance.
@@ -113,7 +113,7 @@ impl Transport<'_> {
         let cells = source.par_chunks_mut(4 * count).zip(moments.par_chunks(4 * count));
         cells.enumerate().for_each(|(slot, (source, moments))| {
             let by = self.rays.optics.scattered(self.lattice().owner(slot));
-            let [mean, x, y, z] = self.whole[slot];
+            let [mean, x, y, z] = self.unscaled[slot];
             let row = |m: usize| &moments[m * count..][..count];
             for (axis, slope) in [x, y, z].into_iter().enumerate() {
                 let into = &mut source[(axis + 1) * count..][..count];
@@ -127,11 +127,11 @@ impl Transport<'_> {
         });
     }
 
-    /// The radiance of the source in the room, with what came in through the sides and from the
+    /// The radiance of the source in the buffers, with what came in through the sides and from the
     /// surface; and what comes in next.
-    fn sweep(&self, room: &mut Room, origin: Origin, field: &Field) -> Field {
+    fn sweep(&self, buffers: &mut SweepBuffers, origin: Origin, field: &Field) -> Field {
         let octants: Vec<(usize, &Octant)> = self.quadrature.octants.iter().enumerate().collect();
-        let Room { source, parts } = room;
+        let SweepBuffers { source, parts } = buffers;
         let together = |(octants, moments): (&[(usize, &Octant)], &mut Moments)| {
             moments.values.fill(0.0);
             let mut sides = Vec::new();
@@ -193,11 +193,11 @@ impl Transport<'_> {
         most_sweeps: usize,
         go_on: &dyn Fn(f64) -> bool,
     ) -> (Field, usize) {
-        let mut room = Room::new(field.moments.len());
+        let mut buffers = SweepBuffers::new(field.moments.len());
         let mut sweeps = 0;
         loop {
-            self.source(&field, origin, &mut room.source);
-            let next = self.sweep(&mut room, origin, &field);
+            self.source(&field, origin, &mut buffers.source);
+            let next = self.sweep(&mut buffers, origin, &field);
             sweeps += 1;
             let mut change = next.clone();
             change.add(-1.0, &field);
@@ -207,7 +207,7 @@ impl Transport<'_> {
             if size <= wanted || sweeps >= most_sweeps || !go_on(size) {
                 return (next, sweeps);
             }
-            sweeps += self.correct(&mut room, &mut field, change, wanted, &go_on);
+            sweeps += self.correct(&mut buffers, &mut field, change, wanted, &go_on);
         }
     }
 
@@ -215,7 +215,7 @@ impl Transport<'_> {
     /// change in a sweep; the number of sweeps that this takes.
     fn correct(
         &self,
-        room: &mut Room,
+        buffers: &mut SweepBuffers,
         field: &mut Field,
         mut change: Field,
         wanted: f64,
@@ -229,8 +229,8 @@ impl Transport<'_> {
         let mut left = vec![size];
         for number in 0..RESTART {
             let direction = &directions[number];
-            self.scatter(&direction.moments, &mut room.source);
-            let mut image = self.sweep(room, Origin::default(), direction);
+            self.scatter(&direction.moments, &mut buffers.source);
+            let mut image = self.sweep(buffers, Origin::default(), direction);
             image.combine(-1.0, 1.0, direction);
             let mut column: Vec<f64> = directions.iter().map(|other| image.dot(other)).collect();
             image.take_away(&column, &directions);

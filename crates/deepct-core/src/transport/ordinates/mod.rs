@@ -75,8 +75,8 @@ pub struct OrdinatesModel {
 #[derive(Debug)]
 struct State {
     extinction: Vec<f32>,
-    whole: Vec<[f32; 4]>,
-    kept: Vec<[f32; 4]>,
+    unscaled: Vec<[f32; 4]>,
+    scaled: Vec<[f32; 4]>,
     sun_depths: Vec<[f32; 8]>,
     /// The share of the sunlight that the cloud takes from the surface.
     shade: Vec<f32>,
@@ -127,13 +127,13 @@ impl OrdinatesModel {
             active.then(|| settings.largest_extinction.map_or(own, |most| own.max(most as f32)))
         };
         let quadrature = Quadrature::new(settings.zenith_angles);
-        let kept = optics::kept(&medium.scattering, settings.zenith_angles);
-        let parts = |extinction: f32| parts(kept * f64::from(extinction), scene, settings);
+        let scaling = optics::delta_m_scaling(&medium.scattering, settings.zenith_angles);
+        let parts = |extinction: f32| parts(scaling * f64::from(extinction), scene, settings);
         let lattice = Lattice::new(grid, medium.interpolation, scene.boundary, prepared, parts);
         let rise = lattice.grid.spacing.z / scene.sun.towards().z;
         let thickest = lattice.active().iter().map(|active| {
             let [.., parts] = lattice.parts_along(active.parts);
-            kept * f64::from(active.prepared) * rise / parts as f64
+            scaling * f64::from(active.prepared) * rise / parts as f64
         });
         let cubature = cubature(thickest.fold(0.0, f64::max));
         let optics = Optics::new(&medium.scattering, grid, &lattice, &quadrature);
@@ -304,11 +304,11 @@ impl OrdinatesModel {
     fn transport<'a>(
         &'a self,
         rays: Rays<'a>,
-        whole: &'a [[f32; 4]],
-        kept: &'a [[f32; 4]],
+        unscaled: &'a [[f32; 4]],
+        scaled: &'a [[f32; 4]],
     ) -> Transport<'a> {
         let Self { quadrature, surroundings, .. } = self;
-        Transport { rays, quadrature, surroundings, whole, kept }
+        Transport { rays, quadrature, surroundings, unscaled, scaled }
     }
 
     /// What one slot scatters of the Sun's light in each harmonic, over what it stops.
@@ -335,13 +335,13 @@ impl OrdinatesModel {
     fn solve(&mut self, extinction: Vec<f32>, watch: &dyn Watch) {
         let rays = self.rays(&extinction);
         let slots = 0..self.lattice.len();
-        let whole: Vec<_> =
+        let unscaled: Vec<_> =
             slots.clone().map(|slot| self.lattice.coefficients(&extinction, slot)).collect();
-        let kept: Vec<_> = slots
-            .zip(&whole)
-            .map(|(slot, whole)| {
-                let kept = self.optics.kept(self.lattice.owner(slot));
-                whole.map(|value| kept * value)
+        let scaled: Vec<_> = slots
+            .zip(&unscaled)
+            .map(|(slot, unscaled)| {
+                let scaling = self.optics.delta_m_scaling(self.lattice.owner(slot));
+                unscaled.map(|value| scaling * value)
             })
             .collect();
         let surroundings = &self.surroundings;
@@ -357,7 +357,7 @@ impl OrdinatesModel {
         };
         let stopped = rays.stopped(&sun_depths);
         let first = self.first(&stopped);
-        let transport = self.transport(rays, &whole, &kept);
+        let transport = self.transport(rays, &unscaled, &scaled);
         let start =
             self.state.as_ref().map_or_else(|| transport.dark(), |state| state.field.clone());
         let OrdinatesSettings { tolerance, most_sweeps, .. } = self.settings;
@@ -373,7 +373,7 @@ impl OrdinatesModel {
         let stopped = watch.interrupted();
         (self.sweeps, self.converged) = (sweeps, sweeps < most_sweeps && !stopped);
         self.state =
-            Some(State { extinction, whole, kept, sun_depths, shade, outside, first, field });
+            Some(State { extinction, unscaled, scaled, sun_depths, shade, outside, first, field });
     }
 }
 

@@ -42,7 +42,7 @@ pub(super) struct Optics {
     /// Scattered light over extinction, `[row][harmonic]`, without the peak.
     scattered: Vec<f32>,
     /// Extinction without the peak over extinction, by row.
-    kept: Vec<f32>,
+    scaling: Vec<f32>,
     /// The phase functions that light is scattered by in some cell, and what the forward peak
     /// does to each.
     phase_functions: Vec<(PhaseFunction, Broadened)>,
@@ -86,18 +86,18 @@ impl Optics {
             ((all[*number].clone(), broadened), moments)
         };
         let (phase_functions, moments): (Vec<_>, Vec<_>) = used.par_iter().map(broaden).unzip();
-        let (mut scattered, mut kept, mut by_peak) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut scattered, mut scaling, mut by_peak) = (Vec::new(), Vec::new(), Vec::new());
         for row in &shares {
             let moment = |degree: usize| -> f64 {
                 row.iter().map(|(number, share)| share * moments[*number][degree]).sum()
             };
             let peak = moment(count);
             let low: Vec<f32> = (0..=count).map(|degree| (moment(degree) - peak) as f32).collect();
-            kept.push((1.0 - peak) as f32);
+            scaling.push((1.0 - peak) as f32);
             by_peak.push(peak / (1.0 - peak));
             scattered.extend(degrees(harmonics).map(|degree| low[degree]));
         }
-        Self { harmonics, scattered, kept, phase_functions, by_peak, shares }
+        Self { harmonics, scattered, scaling, phase_functions, by_peak, shares }
     }
 
     /// Scattered light over extinction, by harmonic.
@@ -108,8 +108,8 @@ impl Optics {
 
     /// Extinction without the peak over extinction.
     #[inline]
-    pub(super) fn kept(&self, number: usize) -> f32 {
-        self.kept[self.row(number)]
+    pub(super) fn delta_m_scaling(&self, number: usize) -> f32 {
+        self.scaling[self.row(number)]
     }
 
     /// What the forward peak does to single scattering between two angles from exact
@@ -162,12 +162,12 @@ impl Optics {
     }
 
     fn row(&self, number: usize) -> usize {
-        if self.kept.len() == 1 { 0 } else { number }
+        if self.scaling.len() == 1 { 0 } else { number }
     }
 }
 
 /// Extinction without the peak over extinction, of droplets of a middle size.
-pub(super) fn kept(scattering: &Scattering, zenith_angles: usize) -> f64 {
+pub(super) fn delta_m_scaling(scattering: &Scattering, zenith_angles: usize) -> f64 {
     let degrees = degrees_of(zenith_angles);
     let (albedo, phase_function) = match scattering {
         Scattering::Uniform { single_scattering_albedo, phase_function } => {

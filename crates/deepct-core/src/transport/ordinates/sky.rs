@@ -140,11 +140,11 @@ impl Sky {
             let mut irradiance = 0.0;
             let mut pass =
                 |cosine: f64, weight: f64, start: f64, order: &mut dyn Iterator<Item = usize>| {
-                    let Step { kept, near, far } = Step::new(step / cosine);
+                    let Step { transmittance, near, far } = Step::new(step / cosine);
                     let (mut radiance, mut before) = (start, None);
                     for level in order {
                         if let Some(before) = before {
-                            radiance = kept * radiance
+                            radiance = transmittance * radiance
                                 + far * source(before, cosine)
                                 + near * source(level, cosine);
                         }
@@ -192,12 +192,12 @@ impl Sky {
             let mut pass =
                 |rise: f64, weight: f64, order_of_levels: &mut dyn Iterator<Item = usize>| {
                     let polynomial = associated_polynomial(order, rise);
-                    let Step { kept, near, far } = Step::new(step / rise.abs());
+                    let Step { transmittance, near, far } = Step::new(step / rise.abs());
                     let (mut radiance, mut before) = (0.0, None);
                     for level in order_of_levels {
                         let source = polynomial * (self.source[level][order + 1] + sunlight[level]);
                         if let Some(before) = before {
-                            radiance = kept * radiance + far * before + near * source;
+                            radiance = transmittance * radiance + far * before + near * source;
                         }
                         before = Some(source);
                         moments[level] += weight * radiance * polynomial;
@@ -231,16 +231,16 @@ fn half_range() -> Vec<(f64, f64)> {
 
 /// What a step through a source that is linear along it leaves and adds.
 struct Step {
-    kept: f64,
+    transmittance: f64,
     near: f64,
     far: f64,
 }
 
 impl Step {
     fn new(depth: f64) -> Self {
-        let kept = (-depth).exp();
+        let transmittance = (-depth).exp();
         let mean = -(-depth).exp_m1() / depth;
-        Self { kept, near: 1.0 - mean, far: mean - kept }
+        Self { transmittance, near: 1.0 - mean, far: mean - transmittance }
     }
 }
 

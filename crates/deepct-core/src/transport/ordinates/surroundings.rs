@@ -43,7 +43,7 @@ pub(super) struct Surroundings {
     /// By octant, [`number`]: what the air sends in through each face, in the order of
     /// [`each_face`], and where the rest comes from, where light rises.
     air: [Vec<f32>; 8],
-    feet: [Vec<Foot>; 8],
+    feet: [Vec<SurfaceHit>; 8],
     /// Irradiance of the surface by the air, that the cells leave to be subtracted.
     unclouded: Vec<f32>,
 }
@@ -354,7 +354,7 @@ impl Surroundings {
     }
 
     /// What the air sends in through each face in an octant, and where the rest comes from.
-    fn through_faces(&self, lattice: &Lattice, octant: &Octant) -> (Vec<f32>, Vec<Foot>) {
+    fn through_faces(&self, lattice: &Lattice, octant: &Octant) -> (Vec<f32>, Vec<SurfaceHit>) {
         let (mut air, mut feet) = (Vec::new(), Vec::new());
         // All but the place on the surface depends on altitude and ordinate alone.
         let mut levels: BTreeMap<(u64, usize), Outside> = BTreeMap::new();
@@ -367,7 +367,7 @@ impl Surroundings {
             air.push(outside.air as f32);
             if ray.direction.z < 0.0 {
                 let place = ray.at((self.surface.altitude - ray.origin.z) / ray.direction.z);
-                feet.push(Foot {
+                feet.push(SurfaceHit {
                     unshaded: outside.sunlight as f32,
                     share: outside.share as f32,
                     shadow: Corners::new(&self.shadow, place),
@@ -403,7 +403,7 @@ impl Surroundings {
 
 /// The place on the surface that a ray through a face comes from, and what comes from there.
 #[derive(Debug, Clone, Copy)]
-struct Foot {
+struct SurfaceHit {
     /// Sunlight where no cloud shades it.
     unshaded: f32,
     /// Share of the cloud's irradiance that arrives as radiance.
@@ -412,7 +412,7 @@ struct Foot {
     lit: Corners,
 }
 
-impl Foot {
+impl SurfaceHit {
     /// Sunlight in the shadow of a cloud.
     #[inline]
     fn sunlight(&self, blurred_shade: &[f32]) -> f32 {

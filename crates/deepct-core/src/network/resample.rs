@@ -11,7 +11,7 @@ const PIXELS_PER_TASK: usize = 4096;
 
 /// Lays the images of a formation on planes.
 #[derive(Debug, Clone)]
-pub(super) struct Lift {
+pub(super) struct PlaneResampler {
     views: Vec<View>,
     /// Voxel size along y and x (km).
     spacing: [f64; 2],
@@ -65,7 +65,7 @@ impl Camera {
     }
 }
 
-impl Lift {
+impl PlaneResampler {
     /// The lift that the metadata ask for, if any.
     pub(super) fn new(metadata: &WeightsMetadata) -> Option<Self> {
         let ImageLayout::Planes(planes) = &metadata.image_layout else { return None };
@@ -120,7 +120,7 @@ impl Lift {
 
     /// Lay `images`, `[image, view, row, col]`, on the plane of the target:
     /// `[image, view, row, col]` with the margins, times the scale.
-    pub(super) fn lay(&self, images: &[f32], [rows, cols]: [usize; 2], ground: &mut [f32]) {
+    pub(super) fn resample(&self, images: &[f32], [rows, cols]: [usize; 2], ground: &mut [f32]) {
         let [long, wide] = self.ground_size([rows, cols]);
         let fewest = PIXELS_PER_TASK.div_ceil(wide);
         ground.par_chunks_exact_mut(wide).enumerate().with_min_len(fewest).for_each(
@@ -149,8 +149,8 @@ impl Lift {
     }
 
     /// What the first layer reads of images that lie on the ground.
-    pub(super) fn source<'a>(&'a self, ground: &'a [f32], size: [usize; 2]) -> Lifted<'a> {
-        Lifted { lift: self, ground, size: self.ground_size(size) }
+    pub(super) fn source<'a>(&'a self, ground: &'a [f32], size: [usize; 2]) -> PlaneSource<'a> {
+        PlaneSource { resampler: self, ground, size: self.ground_size(size) }
     }
 }
 
@@ -197,16 +197,16 @@ fn split(position: f64, lines: usize) -> (usize, f32) {
 
 /// Images on all planes: views of the ground.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Lifted<'a> {
-    lift: &'a Lift,
+pub(super) struct PlaneSource<'a> {
+    resampler: &'a PlaneResampler,
     ground: &'a [f32],
     size: [usize; 2],
 }
 
-impl Source for Lifted<'_> {
+impl Source for PlaneSource<'_> {
     fn read(&self, wanted: &SourceRow, pixels: &mut [f32]) {
         let [long, wide] = self.size;
-        let views = &self.lift.views;
+        let views = &self.resampler.views;
         let grounds = self.ground.chunks_exact(long * wide).skip(wanted.image * views.len());
         for (number, (view, ground)) in views.iter().zip(grounds).enumerate() {
             for (plane, [row, col]) in view.offsets.iter().enumerate() {
@@ -255,10 +255,10 @@ mod tests {
 
     /// The channels of the first layer, `[channel, row, col]`.
     fn lifted(metadata: &WeightsMetadata, images: &[f32], size: [usize; 2]) -> Vec<f32> {
-        let lift = Lift::new(metadata).unwrap();
-        let mut ground = vec![f32::NAN; lift.ground_len([1, size[0], size[1]]).unwrap()];
-        lift.lay(images, size, &mut ground);
-        let source = lift.source(&ground, size);
+        let resampler = PlaneResampler::new(metadata).unwrap();
+        let mut ground = vec![f32::NAN; resampler.ground_len([1, size[0], size[1]]).unwrap()];
+        resampler.resample(images, size, &mut ground);
+        let source = resampler.source(&ground, size);
         let channels = metadata.input_channels();
         let mut values = vec![f32::NAN; channels * size[0] * size[1]];
         for row in 0..size[0] {
