@@ -75,6 +75,7 @@ impl experiment::Watch for ExperimentProgress<'_> {
             }
             Method::Hybrid => inversion.iterations,
             Method::QuickHybrid => self.settings.quick_iterations,
+            _ => inversion.iterations,
         };
         if self.global.verbose > 0 {
             eprintln!("{number} of {total}: {cloud}, {}", method.name());

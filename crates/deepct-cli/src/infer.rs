@@ -74,7 +74,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let mut estimate = infer(&network, &observation).map_err(Error::in_file(&args.images))?;
     let rounding = match convolution.precision {
         conv::Precision::Single => None,
-        conv::Precision::Bfloat16 => {
+        _ => {
             let single = conv::Settings { precision: conv::Precision::Single, ..convolution };
             let exact = infer(&Network::with_settings(&weights, single)?, &observation)?;
             Some(Rounding::between(&estimate.extinction, &exact.extinction))

@@ -235,12 +235,7 @@ fn beside(out: &Path) -> PathBuf {
 
 fn report(reconstruction: &Reconstruction, mask: &Mask) {
     let Reconstruction { extinction, history, ending } = reconstruction;
-    let ending = match ending {
-        Ending::Noise => "the noise explains the rest",
-        Ending::Iterations => "all steps taken",
-        Ending::Stalled => "no step lowers the value any more",
-        Ending::Interrupted => "stopped",
-    };
+    let ending = ending.description();
     println!("mask     {} of {} voxels", mask.count(), mask.grid.len());
     if let Some(last) = history.last() {
         println!("steps    {} in {:.1} s: {ending}", last.iteration, last.seconds);

@@ -3,7 +3,7 @@
 use crate::outcome::Outcome;
 use deepct_core::Result;
 use deepct_core::io::load_weights;
-use deepct_core::network::{ImageLayout, NetworkOutput, Planes, WeightsMetadata, receptive_field};
+use deepct_core::network::{ImageLayout, Planes, WeightsMetadata, receptive_field};
 use std::path::PathBuf;
 
 /// Look into weights of the network
@@ -56,10 +56,7 @@ pub(crate) fn run(args: &Args) -> Result<Outcome> {
 
 /// What the network tells of each voxel, in words.
 fn outputs(metadata: &WeightsMetadata) -> String {
-    let words = metadata.outputs.iter().map(|output| match output {
-        NetworkOutput::Extinction => "extinction",
-        NetworkOutput::Uncertainty => "its uncertainty",
-    });
+    let words = metadata.outputs.iter().map(|output| output.name());
     words.collect::<Vec<_>>().join(" and ")
 }
 

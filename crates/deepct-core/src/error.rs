@@ -7,6 +7,7 @@ use std::path::PathBuf;
 
 /// What can go wrong in deepct.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum Error {
     /// The operating system refused: a missing file, no permission, a full disk.
     #[error("{}: {source}", path.display())]

@@ -93,12 +93,29 @@ impl Grid {
         ]
     }
 
-    /// Whether two grids are the same within a millionth of a voxel.
+    /// Whether two grids are the same: no corner further apart than a thousandth of a voxel, as
+    /// coordinates of single precision are.
     pub fn matches(&self, other: &Grid) -> bool {
-        let tolerance = self.spacing * 1e-6;
+        let tolerance = self.spacing * 1e-3;
+        let near = |one: DVec3, other: DVec3| (one - other).abs().cmple(tolerance).all();
         self.shape == other.shape
-            && (self.origin - other.origin).abs().cmple(tolerance).all()
-            && (self.spacing - other.spacing).abs().cmple(tolerance).all()
+            && near(self.lower(), other.lower())
+            && near(self.upper(), other.upper())
+    }
+
+    /// An error unless `other` is this grid.
+    pub(crate) fn check_same(&self, what: &str, other: &Grid) -> Result<()> {
+        self.check_shape(what, &other.shape)?;
+        if self.matches(other) {
+            return Ok(());
+        }
+        let text = |grid: &Grid| format!("from {} to {} km", grid.lower(), grid.upper());
+        Err(Error::mismatch(
+            format!("grid of {what}"),
+            text(self),
+            text(other),
+            "give both on one grid",
+        ))
     }
 
     /// An error unless `shape` is this grid's.
@@ -184,7 +201,7 @@ impl Mask {
     /// # Errors
     /// When the volume is not on the mask's grid.
     pub fn apply(&self, volume: &mut Volume) -> Result<()> {
-        self.grid.check_shape("the volume under the mask", volume.values.shape())?;
+        self.grid.check_same("the volume under the mask", &volume.grid)?;
         ndarray::Zip::from(&mut volume.values).and(&self.values).for_each(|value, inside| {
             if !inside {
                 *value = 0.0;

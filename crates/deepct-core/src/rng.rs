@@ -13,6 +13,7 @@ pub type Stream = rand_xoshiro::Xoshiro256PlusPlus;
 /// What a random stream is for. The number enters the key, so two purposes with the
 /// same indices are independent.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Purpose {
     /// Cloud generation.
     Cloud = 1,

@@ -38,6 +38,7 @@ pub struct Sensor {
 
 /// How radiance becomes charge.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
 pub enum Scale {
     /// The brightest pixel over all views fills its well, as in the paper.
     BrightestAtFullWell,

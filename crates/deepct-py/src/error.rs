@@ -19,7 +19,6 @@ pub(crate) fn raise(error: Error) -> PyErr {
         Error::OutOfRange { .. } | Error::Mismatch { .. } => {
             PyValueError::new_err(error.to_string())
         }
-        Error::File { .. } => DeepctError::new_err(error.to_string()),
         Error::Io { path, source } => match source.raw_os_error() {
             Some(number) => {
                 // Python says the number itself.
@@ -29,5 +28,6 @@ pub(crate) fn raise(error: Error) -> PyErr {
             }
             None => PyOSError::new_err(format!("{}: {source}", path.display())),
         },
+        _ => DeepctError::new_err(error.to_string()),
     }
 }

@@ -87,7 +87,7 @@ impl View {
     fn position(&self) -> Option<Point> {
         match self.0.projection {
             scene::Projection::Perspective { position, .. } => Some(position.into()),
-            scene::Projection::Orthographic { .. } => None,
+            _ => None,
         }
     }
 

@@ -32,8 +32,8 @@ fn observation() -> Observation {
 /// Weights for those images: two layers, six levels around the target.
 fn weights(observation: &Observation, image_layout: ImageLayout) -> Weights {
     let planes = match &image_layout {
-        ImageLayout::Camera => 1,
         ImageLayout::Planes(planes) => planes.altitudes_km.len(),
+        _ => 1,
     };
     let architecture = Architecture { channels: vec![10 * planes, 8, 6], last_relu: true };
     let layers = architecture.layer_channels().map(|(input, output)| LayerWeights {

@@ -6,6 +6,7 @@ use crate::error::{Error, Result};
 
 /// How a convolution is computed. All give the same sums but for rounding.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Algorithm {
     /// The values that the taps see are gathered as rows of a matrix, which is multiplied
     /// with the weights: the readable reference.
@@ -47,6 +48,7 @@ impl Algorithm {
 
 /// What the products of Winograd's filtering are made of.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[non_exhaustive]
 pub enum Precision {
     /// Floats.
     #[default]

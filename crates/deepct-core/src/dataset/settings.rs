@@ -99,6 +99,7 @@ pub struct SolverSettings {
 /// The set that a sample belongs to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
+#[non_exhaustive]
 pub enum Split {
     /// What a network learns from.
     Train,

@@ -117,6 +117,7 @@ impl ExperimentSettings {
 /// A way from images to a cloud; all look inside the carved mask.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
 pub enum Method {
     /// The network.
     Network,

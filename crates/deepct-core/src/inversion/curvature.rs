@@ -83,7 +83,8 @@ impl Curvature {
         let gained: Vec<f64> = vector.iter().zip(&self.gains).map(|(v, g)| v * g).collect();
         let mut seen = vec![0.0; vector.len()];
         for line_of_sight in &self.lines_of_sight {
-            let sum: f64 = line_of_sight.iter().map(|(number, path)| path * gained[*number as usize]).sum();
+            let sum: f64 =
+                line_of_sight.iter().map(|(number, path)| path * gained[*number as usize]).sum();
             for (number, path) in line_of_sight {
                 seen[*number as usize] += path * sum;
             }

@@ -100,6 +100,7 @@ const LEAST_COSINE: f64 = 1e-8;
 
 /// What a step came to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Step {
     /// The value went down.
     Taken,

@@ -60,6 +60,7 @@ pub struct InversionSettings {
 /// What the optimiser varies.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
+#[non_exhaustive]
 pub enum Variable {
     /// Extinction.
     Linear,

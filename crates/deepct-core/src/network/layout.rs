@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 /// How the images become the channels of the first layer.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
 pub enum ImageLayout {
     /// As the cameras took them: channel `view`, pixel `[row, col]` of every view is one
     /// input pixel.

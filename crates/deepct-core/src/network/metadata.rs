@@ -66,11 +66,22 @@ pub struct WeightsMetadata {
 /// What a network tells of each voxel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
+#[non_exhaustive]
 pub enum NetworkOutput {
     /// Its extinction (1/km).
     Extinction,
     /// The expected absolute error of its extinction (1/km).
     Uncertainty,
+}
+
+impl NetworkOutput {
+    /// Its name in a file.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Extinction => "extinction",
+            Self::Uncertainty => "uncertainty",
+        }
+    }
 }
 
 fn extinction_alone() -> Vec<NetworkOutput> {

@@ -33,6 +33,7 @@ pub const CLOUD_ASYMMETRY: f64 = 0.86;
 
 /// How extinction varies between the values of a grid.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[non_exhaustive]
 pub enum Interpolation {
     /// Constant in each voxel.
     #[default]

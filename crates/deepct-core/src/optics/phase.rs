@@ -9,6 +9,7 @@ use std::sync::Arc;
 
 /// The density of scattering into a direction (1/sr), and its sampler.
 #[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub enum PhaseFunction {
     /// The same in every direction.
     Isotropic,

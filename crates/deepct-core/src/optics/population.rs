@@ -11,6 +11,7 @@ use std::f64::consts::PI;
 /// How the number of droplets depends on their radius.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "lowercase")]
+#[non_exhaustive]
 pub enum SizeDistribution {
     /// `r^((1 - 3 b) / b) exp(-r / (a b))` with effective radius a and variance b: Hansen
     /// and Travis (1974), equation 2.56.

@@ -7,6 +7,7 @@ use std::sync::Arc;
 
 /// What a collision does, voxel by voxel: how likely it scatters, and whereto.
 #[derive(Debug, Clone)]
+#[non_exhaustive]
 pub enum Scattering {
     /// The same everywhere.
     Uniform {

@@ -62,6 +62,7 @@ impl Default for Sun {
 
 /// What is beyond the horizontal sides of the grid.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[non_exhaustive]
 pub enum Boundary {
     /// Clear air: light enters and leaves through the sides.
     #[default]

@@ -6,6 +6,7 @@ use glam::DVec2;
 
 /// How a camera maps points to pixels.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
 pub enum Projection {
     /// Rays meet in the camera; the image plane is normal to the line of sight.
     Perspective {

@@ -28,6 +28,7 @@ use crate::scene::{Scene, View};
 
 /// How the radiative-transfer equation is solved.
 #[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub enum Solver {
     /// Random photon paths from the camera to the Sun: exact up to noise, which the
     /// answer tells.

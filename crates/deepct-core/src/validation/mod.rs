@@ -29,6 +29,7 @@ use std::time::Instant;
 /// A list of cases.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
+#[non_exhaustive]
 pub enum Suite {
     /// Plane-parallel layers: discrete ordinates, H functions.
     Slabs,

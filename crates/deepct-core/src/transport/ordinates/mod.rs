@@ -115,7 +115,7 @@ impl OrdinatesModel {
         let extinction = standard(&medium.extinction.values);
         let mask = match mask {
             Some(mask) => {
-                grid.check_shape("the mask", mask.values.shape())?;
+                grid.check_same("the mask", &mask.grid)?;
                 Some(mask.values.as_standard_layout().to_owned())
             }
             None => None,
@@ -220,7 +220,7 @@ impl OrdinatesModel {
     /// solution that has not converged.
     pub(super) fn watched(&mut self, extinction: &Volume, watch: &dyn Watch) -> Result<ViewStack> {
         let grid = &self.scene.medium.extinction.grid;
-        grid.check_shape("the extinction", extinction.values.shape())?;
+        grid.check_same("the extinction", &extinction.grid)?;
         extinction.check_non_negative("extinction")?;
         self.solve(standard(&extinction.values), watch);
         let state = self.state.as_ref().expect("just solved");

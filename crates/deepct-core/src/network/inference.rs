@@ -1,0 +1,260 @@
+//! The network at work: from images to extinction.
+
+use super::resample::PlaneResampler;
+use super::{Estimate, NetworkOutput, Weights, WeightsMetadata};
+use crate::conv::{self, Conv2d, Scales, Settings, Stack};
+use crate::error::{Error, Result};
+use crate::grid::{Grid, Volume};
+use crate::image::{ImagingGeometry, ViewStack};
+use crate::math::DVec3;
+
+use ndarray::{Array3, s};
+
+/// A network that is ready to run: its weights packed for this processor.
+#[derive(Debug, Clone)]
+pub struct Network {
+    metadata: WeightsMetadata,
+    resampler: Option<PlaneResampler>,
+    stack: Stack,
+}
+
+/// Memory for [`Network::run`], made once by [`Network::scratch`] and used as often as wanted.
+#[derive(Debug)]
+pub struct Scratch {
+    stack: conv::Scratch,
+    /// `[cloud, row, col]` that it was made for.
+    size: [usize; 3],
+    /// The images on the plane of the target, where they are laid on planes.
+    ground: Vec<f32>,
+}
+
+impl Scratch {
+    /// Its size in bytes.
+    pub fn bytes(&self) -> usize {
+        self.stack.bytes() + size_of_val(&self.ground[..])
+    }
+}
+
+impl Network {
+    /// The network of `weights`, as fast as this processor runs it.
+    ///
+    /// # Errors
+    /// Layers that do not feed each other; none for [`Weights`] made by
+    /// [`Weights::new`].
+    pub fn new(weights: &Weights) -> Result<Self> {
+        Self::with_settings(weights, Settings::default())
+    }
+
+    /// The network of `weights`, run in a way of one's choice.
+    ///
+    /// # Errors
+    /// As [`Network::new`].
+    pub fn with_settings(weights: &Weights, settings: Settings) -> Result<Self> {
+        let metadata = &weights.metadata;
+        let layers = weights.layers.iter().enumerate().map(|(index, layer)| {
+            let relu = metadata.architecture.relu(index);
+            Conv2d::new(layer.weight.view(), layer.bias.view(), relu, settings.kernel)
+        });
+        let scales =
+            Scales { input: metadata.input_scale as f32, output: metadata.output_scale as f32 };
+        let stack = Stack::new(layers.collect::<Result<_>>()?, settings)?.with_scales(scales);
+        Ok(Self { metadata: metadata.clone(), resampler: PlaneResampler::new(metadata), stack })
+    }
+
+    /// What the network is for.
+    pub fn metadata(&self) -> &WeightsMetadata {
+        &self.metadata
+    }
+
+    /// Number of views that the network wants.
+    pub fn views(&self) -> usize {
+        self.metadata.views()
+    }
+
+    /// Number of levels that the network gives.
+    pub fn levels(&self) -> usize {
+        self.metadata.levels.count
+    }
+
+    /// Number of channels that [`Network::run`] gives: the levels of each output.
+    pub fn output_channels(&self) -> usize {
+        self.stack.output_channels()
+    }
+
+    /// The grid of the extinction that [`Network::infer`] gives for images of
+    /// `[rows, cols]` whose middle shows the point `target` (x and y, km): one column of
+    /// voxels for each pixel, the levels of the metadata.
+    ///
+    /// # Errors
+    /// A target that is not finite, an empty image, or one that is too large.
+    pub fn grid(&self, target: [f64; 2], [rows, cols]: [usize; 2]) -> Result<Grid> {
+        let WeightsMetadata { horizontal_spacing_km: [dx, dy], levels, .. } = &self.metadata;
+        let west = target[0] - 0.5 * dx * cols as f64;
+        let south = target[1] - 0.5 * dy * rows as f64;
+        let origin = DVec3::new(west, south, levels.bottom_km);
+        Grid::new(origin, DVec3::new(*dx, *dy, levels.spacing_km), [levels.count, rows, cols])
+    }
+
+    /// The extinction (1/km) of the cloud in `images` (radiance, 1/sr) that were taken as `geometry`
+    /// says.
+    ///
+    /// # Errors
+    /// Images that were not taken as the weights require ([`WeightsMetadata::check_images`]), with the
+    /// number that differs; another number of images than of views.
+    pub fn infer(&self, images: &ViewStack, geometry: &ImagingGeometry) -> Result<Volume> {
+        Ok(self.estimate(images, geometry)?.extinction)
+    }
+
+    /// As [`Network::infer`], with its uncertainty where the weights tell it.
+    ///
+    /// # Errors
+    /// As [`Network::infer`].
+    pub fn estimate(&self, images: &ViewStack, geometry: &ImagingGeometry) -> Result<Estimate> {
+        self.metadata.check_images(geometry)?;
+        let [views, rows, cols] = images.shape();
+        if views != self.views() {
+            let remedy = "give the images of the formation that the weights are for";
+            return Err(Error::mismatch("number of views", self.views(), views, remedy));
+        }
+        let [x, y, _] = geometry.target_km;
+        let grid = self.grid([x, y], [rows, cols])?;
+        let radiance = images.values.as_standard_layout();
+        let radiance = radiance.as_slice().expect("standard layout is contiguous");
+        let mut scratch = self.scratch([1, rows, cols])?;
+        let mut values = Array3::zeros([self.output_channels(), rows, cols]);
+        let output = values.as_slice_mut().expect("a new array is contiguous");
+        self.run(radiance, output, &mut scratch)?;
+        let uncertainty = match self.metadata.outputs.contains(&NetworkOutput::Uncertainty) {
+            true => Some(Volume::new(grid, values.slice(s![self.levels().., .., ..]).to_owned())?),
+            false => None,
+        };
+        values.slice_collapse(s![..self.levels(), .., ..]);
+        Ok(Estimate { extinction: Volume::new(grid, values)?, uncertainty })
+    }
+
+    /// Memory for [`Network::run`] on as many images of a size, `[cloud, row, col]`.
+    ///
+    /// # Errors
+    /// A size of nothing, or one that no memory can hold.
+    pub fn scratch(&self, size: [usize; 3]) -> Result<Scratch> {
+        let stack = self.stack.scratch(size)?;
+        let ground = match &self.resampler {
+            Some(resampler) => vec![0.0; resampler.ground_len(size)?],
+            None => Vec::new(),
+        };
+        Ok(Scratch { stack, size, ground })
+    }
+
+    /// The outputs (1/km), `[cloud, output and level, row, col]`, the extinction first, of the
+    /// clouds in images of radiance (1/sr), `[cloud, view, row, col]`, of the size that `scratch`
+    /// was made for. All are C-ordered. Nothing is allocated.
+    ///
+    /// # Errors
+    /// Slices that are not of these shapes.
+    pub fn run(&self, input: &[f32], output: &mut [f32], scratch: &mut Scratch) -> Result<()> {
+        let Scratch { stack, size, ground } = scratch;
+        let Some(resampler) = &self.resampler else { return self.stack.run(input, output, stack) };
+        let [count, rows, cols] = *size;
+        for (what, expected, found) in [
+            ("number of values of the input", count * self.views() * rows * cols, input.len()),
+            ("length of the scratch", resampler.ground_len(*size)?, ground.len()),
+        ] {
+            if expected != found {
+                let remedy = "give images [cloud, view, row, col] and the scratch made for them";
+                return Err(Error::mismatch(what, expected, found, remedy));
+            }
+        }
+        resampler.resample(input, [rows, cols], ground);
+        self.stack.run_from(&resampler.source(ground, [rows, cols]), output, stack)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::network::weights;
+
+    /// Images as the weights require them, around a point (x and y, km).
+    fn around(weights: &Weights, [x, y]: [f64; 2]) -> ImagingGeometry {
+        let metadata = &weights.metadata;
+        ImagingGeometry {
+            views: metadata.view_geometry.clone(),
+            target_km: [x, y, metadata.target_altitude_km],
+            wavelength_um: metadata.wavelength_um,
+        }
+    }
+
+    fn images(shape: [usize; 3]) -> ViewStack {
+        ViewStack::new(Array3::from_shape_fn(shape, |(view, row, col)| {
+            0.01 * ((5 * view + 3 * row + 7 * col) % 11) as f32
+        }))
+        .unwrap()
+    }
+
+    /// The same numbers by the definition of the scales, and a grid around the target.
+    #[test]
+    fn scales_and_grid_are_those_of_the_metadata() {
+        let geometry = around(&weights(&[3, 5, 4], 3), [2.0, -1.0]);
+        let network = Network::new(&weights(&[3, 5, 4], 3)).unwrap();
+        let images = images([3, 6, 7]);
+        let volume = network.infer(&images, &geometry).unwrap();
+        assert_eq!(volume.grid.shape, [4, 6, 7]);
+        let center = volume.grid.center();
+        assert!((center - DVec3::new(2.0, -1.0, 0.4 + 2.0 * 0.04)).length() < 1e-12);
+        assert!((volume.grid.extent() - DVec3::new(0.35, 0.30, 0.16)).length() < 1e-12);
+
+        let mut unscaled = weights(&[3, 5, 4], 3);
+        (unscaled.metadata.input_scale, unscaled.metadata.output_scale) = (1.0, 1.0);
+        let ten_times = ViewStack::new(10.0 * &images.values).unwrap();
+        let output = Network::new(&unscaled).unwrap().infer(&ten_times, &geometry).unwrap();
+        assert!(output.values.iter().any(|value| *value > 0.0));
+        for (volume, output) in volume.values.iter().zip(output.values) {
+            assert_eq!(*volume, 5.0 * output);
+        }
+    }
+
+    /// The second half of the channels of the last layer.
+    #[test]
+    fn an_uncertainty_comes_after_the_extinction() {
+        let images = images([3, 6, 7]);
+        let mut weights = weights(&[3, 5, 8], 3);
+        let geometry = around(&weights, [0.0, 0.0]);
+        let all = Network::new(&weights).unwrap().infer(&images, &geometry).unwrap();
+        weights.metadata.outputs.push(NetworkOutput::Uncertainty);
+        weights.metadata.levels.count = 4;
+        let network = Network::new(&weights).unwrap();
+        let estimate = network.estimate(&images, &geometry).unwrap();
+        let uncertainty = estimate.uncertainty.unwrap();
+        assert_eq!(uncertainty.grid, estimate.extinction.grid);
+        assert_eq!(uncertainty.grid.shape, [4, 6, 7]);
+        assert_eq!(estimate.extinction.values, all.values.slice(s![..4, .., ..]));
+        assert_eq!(uncertainty.values, all.values.slice(s![4.., .., ..]));
+        assert_eq!(network.infer(&images, &geometry).unwrap(), estimate.extinction);
+    }
+
+    #[test]
+    fn another_number_of_images_is_refused() {
+        let weights = weights(&[3, 4], 3);
+        let network = Network::new(&weights).unwrap();
+        let geometry = around(&weights, [0.0, 0.0]);
+        let error = network.infer(&images([4, 5, 5]), &geometry).unwrap_err().to_string();
+        assert!(error.contains("number of views: expected 3, found 4"), "{error}");
+        let blue = ImagingGeometry { wavelength_um: 0.45, ..geometry };
+        let error = network.infer(&images([3, 5, 5]), &blue).unwrap_err().to_string();
+        assert!(error.contains("wavelength"), "{error}");
+    }
+
+    #[test]
+    fn a_network_may_end_without_a_relu() {
+        let mut weights = weights(&[3, 5, 4], 3);
+        let input = images([3, 6, 7]);
+        let lowest = |weights: &Weights| {
+            let volume =
+                Network::new(weights).unwrap().infer(&input, &around(weights, [0.0, 0.0])).unwrap();
+            volume.values.iter().copied().fold(f32::INFINITY, f32::min)
+        };
+        assert_eq!(lowest(&weights), 0.0);
+        weights.metadata.architecture.last_relu = false;
+        assert!(lowest(&weights) < 0.0);
+    }
+}
