@@ -1,9 +1,9 @@
 #!/usr/bin/env bash
-# Run every test of deepct: Rust, the Python module, weights_tools with PyTorch.
+# Run all tests of deepct: the Rust crates, the Python module, and weights_tools with PyTorch.
 #
-# Wants Rust, a C compiler, CMake and Python 3.9 or later on the PATH. Everything else
-# is installed into .venv in this folder, at the versions of requirements.txt. PYTHON
-# names another interpreter than python3.
+# Requires Rust, a C compiler, CMake and Python 3.9 or later on the PATH. All other dependencies
+# are installed into .venv in this folder, with the versions given in requirements.txt. The
+# environment variable PYTHON selects an interpreter other than python3.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")"
 
@@ -46,7 +46,7 @@ done
 
 part "Python: environment in .venv"
 [ -x .venv/bin/python ] || "$python" -m venv .venv ||
-    stop "no virtual environment could be made: install Python's venv module, delete .venv"
+    stop "cannot create a virtual environment: install Python's venv module and delete .venv"
 .venv/bin/python -m pip install --quiet --disable-pip-version-check -r requirements.txt
 
 part "Python: build the wheel of deepct_py and install it"
@@ -59,7 +59,7 @@ rm -rf "$wheels"
 .venv/bin/python -m pip install --quiet --disable-pip-version-check --no-deps \
     --no-build-isolation --editable weights_tools
 
-# Tests that compare with the command line find `deepct` on the PATH.
+# The tests that compare with the command line use the `deepct` on the PATH.
 export PATH="$target/release:$PATH"
 
 part "Python: tests of deepct_py"
@@ -68,4 +68,4 @@ part "Python: tests of deepct_py"
 part "Python: tests of weights_tools"
 .venv/bin/python -m pytest weights_tools
 
-part "every test passed"
+part "all tests passed"

@@ -1,11 +1,13 @@
-//! The deterministic solver on whole clouds with settings of one's own, against the Monte Carlo
-//! solver.
+//! Accuracy of the discrete-ordinates solver for clouds, with user-defined settings, relative to
+//! the Monte Carlo solver.
 //!
-//! `cloud_accuracy FOLDER CACHE NOISE [ANGLES CELL_DEPTH MOST_PARTS RAYS TOLERANCE [CASE ...]]`: for
-//! each case of `deepct validate --suite clouds` (FOLDER has the simulations, CACHE keeps the Monte
-//! Carlo images of relative NOISE in bright pixels) the relative error of the cloud signal of each
-//! view and the root mean square error of its bright pixels, in per cent, the sweeps and the seconds.
-//! Without settings it only makes the Monte Carlo images.
+//! `cloud_accuracy FOLDER CACHE NOISE [ANGLES CELL_DEPTH MOST_PARTS RAYS TOLERANCE [CASE ...]]`
+//! prints for each case of `deepct validate --suite clouds` the relative error of the cloud signal
+//! of each view and the root mean square error of its bright pixels, in per cent, the number of
+//! sweeps and the seconds. FOLDER contains the simulations; CACHE stores the Monte Carlo images,
+//! whose relative noise in bright pixels is NOISE. Without settings, only the Monte Carlo images
+//! are computed. If the environment variable VARIANT contains `noair` or `black`, the scenes have
+//! no molecular atmosphere or a black surface.
 
 use deepct_core::transport::{OrdinatesModel, OrdinatesSettings};
 use deepct_core::validation::cloud_cases;

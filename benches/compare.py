@@ -1,17 +1,19 @@
 #!/usr/bin/env python3
-"""Time the network beside ONNX Runtime, OpenVINO and PyTorch on the same weights and images.
+"""Compare the time of the network with ONNX Runtime, OpenVINO and PyTorch.
 
     python3 benches/compare.py [--json] [--algorithms] [--rounds N] [--threads N]
 
-builds deepct, installs the peers into benches/.venv, and prints a row for each network and
-size: median milliseconds of a run of each side, ours over the fastest peer's, and the
-largest error of each over the largest value in float64. The weights are trained, the images
-are clouds that deepct renders. --algorithms compares our own algorithms and kernels instead.
+builds deepct, installs the other libraries into benches/.venv, and prints a row for each network
+and size: the median milliseconds per run of each library, the ratio of deepct to the fastest of
+the others, and the largest error of each divided by the largest value in float64. All libraries
+run the same trained weights on the same images, which deepct renders. --algorithms compares the
+algorithms and kernels of deepct instead.
 
-Every side is a process of its own that runs the network as often as it is told and answers
-with the times. The sides take turns, A B C D A B C D, so that what else the machine does
-falls on all. Threads of some spin on after a run, ONNX Runtime's for some 40 ms: they fall
-asleep in a pause before each turn, whose first run, to wake them, is not counted.
+Each library has its own process, which runs the network the requested number of times and returns
+the times. The processes take turns, A B C D A B C D, so that other load on the machine affects all
+of them. The threads of some libraries keep spinning after a run, those of ONNX Runtime for about
+40 ms. Therefore each turn begins with a pause, in which they go to sleep, and a run to wake them,
+which is not counted.
 """
 
 from __future__ import annotations
@@ -47,8 +49,8 @@ ALGORITHMS = ("im2col", "direct", "winograd-f2", "winograd-f4")
 KERNELS = (
     ("portable", "neon") if platform.machine() == "aarch64" else ("portable", "avx2", "avx512")
 )
-CLOUDS, CLOUD = 4, 32  # how many are rendered, and the rows and columns of their images
-SECONDS_OF_PAUSE, SECONDS_A_TURN = 0.1, 0.1  # a turn is as many runs as fit, and one before
+CLOUDS, CLOUD = 4, 32  # number of rendered clouds; rows and columns of their images
+SECONDS_OF_PAUSE, SECONDS_A_TURN = 0.1, 0.1  # duration of the pause and of the counted runs
 
 Layers = list[tuple["np.ndarray", "np.ndarray", bool]]  # weight, bias, whether a ReLU follows
 
@@ -58,14 +60,14 @@ def main() -> None:
         return serve(*sys.argv[2:])
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--json", action="store_true", help="print one JSON object")
-    parser.add_argument("--algorithms", action="store_true", help="compare our own algorithms")
-    parser.add_argument("--rounds", type=int, default=11, help="turns of each side")
-    parser.add_argument("--threads", type=int, default=2, help="threads of each side")
+    parser.add_argument("--algorithms", action="store_true", help="compare deepct's algorithms")
+    parser.add_argument("--rounds", type=int, default=11, help="number of turns of each process")
+    parser.add_argument("--threads", type=int, default=2, help="threads of each process")
     parser.add_argument("--weights", type=Path, default=ROOT / "benches" / "weights", help="folder")
     options = parser.parse_args()
     files = {name: options.weights / f"{name}.safetensors" for name in NETWORKS}
     if missing := [str(path) for path in files.values() if not path.exists()]:
-        sys.exit(f"compare.py: there is no {' and no '.join(missing)}: name a folder by --weights")
+        sys.exit(f"compare.py: not found: {', '.join(missing)}; give the folder with --weights")
     if Path(sys.prefix).resolve() != VENV.resolve():
         enter_environment()
     programs, rows = build(), []
@@ -82,7 +84,7 @@ def main() -> None:
 
 
 def enter_environment() -> None:
-    """Install the peers and start again where they are."""
+    """Install the other libraries and restart this script in their environment."""
     python = str(VENV / "bin" / "python")
     if not Path(python).exists():
         venv.create(VENV, with_pip=True)
@@ -93,21 +95,21 @@ def enter_environment() -> None:
 
 
 def build() -> Path:
-    """The folder of our programs, `deepct` and `examples/infer_timer`."""
+    """Build `deepct` and `examples/infer_timer`, and return their folder."""
     command = ["cargo", "build", "--release", "--quiet", "--bins", "--example", "infer_timer"]
     subprocess.run(command, cwd=ROOT, check=True)
     return Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target")) / "release"
 
 
 def load_weights(path: Path) -> Layers:
-    """The layers of a weights file, its scales in the first and the last one's weights."""
+    """The layers of a weights file. The scales are included in the first and last weights."""
     import numpy as np
     from safetensors import safe_open
 
     with safe_open(path, framework="numpy") as file:
         metadata = json.loads(file.metadata()["deepct"])
         if metadata["image_layout"] != "camera":
-            sys.exit(f"{path}: lays images on planes, and this compares layers alone")
+            sys.exit(f"{path}: resamples images onto planes; this script compares layers only")
         architecture, layers = metadata["architecture"], []
         count = len(architecture["channels"]) - 1
         for index in range(count):
@@ -120,7 +122,7 @@ def load_weights(path: Path) -> Layers:
 
 
 def render(deepct: Path, formation: str) -> np.ndarray:
-    """Noisy images of some clouds, `[cloud, view, row, col]`, 1/sr."""
+    """Noisy images of several clouds, `[cloud, view, row, col]` (1/sr)."""
     import h5py
     import numpy as np
 
@@ -140,7 +142,7 @@ def render(deepct: Path, formation: str) -> np.ndarray:
 
 
 def fill(clouds: np.ndarray, size: tuple[int, int, int]) -> np.ndarray:
-    """Images of any size, tiled with the clouds, each flipped and shifted its own way."""
+    """Images of any size, tiled with the clouds, which are flipped and shifted differently."""
     import numpy as np
 
     count, rows, cols = size
@@ -153,7 +155,7 @@ def fill(clouds: np.ndarray, size: tuple[int, int, int]) -> np.ndarray:
 
 
 def list_sides(programs: Path, threads: int, algorithms: bool) -> dict[str, tuple[list, dict]]:
-    """The beginning of the command and the environment of each side."""
+    """The beginning of the command and the environment of each process."""
     timer, environment = [programs / "examples" / "infer_timer"], os.environ.copy()
     environment["RAYON_NUM_THREADS"] = str(threads)
     sides = {"deepct": (timer, environment)}
@@ -176,7 +178,7 @@ class Side:
     runs: int = 3
 
     def take_turn(self) -> list[float]:
-        """The milliseconds of the runs of one turn; none where the process cannot run."""
+        """The milliseconds of the runs of one turn; empty if the process cannot run."""
         time.sleep(SECONDS_OF_PAUSE)
         try:
             print(self.runs + 1, file=self.process.stdin, flush=True)
@@ -186,7 +188,7 @@ class Side:
 
 
 def compare(weights: Path, images: np.ndarray, commands: dict, rounds: int) -> dict:
-    """All sides in turns on one network and one size."""
+    """Compare all processes, in turns, for one network and one size."""
     import numpy as np
 
     expected = exact(load_weights(weights), images)
@@ -221,7 +223,7 @@ def compare(weights: Path, images: np.ndarray, commands: dict, rounds: int) -> d
 
 
 def show(row: dict, heads: bool) -> None:
-    """Print a row with the peers beside each other."""
+    """Print one row with the results of all libraries."""
     sides, place = row["sides"], f"{row['network']:<11}{row['size']:>9}"
     if heads:
         names = "".join(f"{name:>12}" for name in sides)
@@ -233,7 +235,7 @@ def show(row: dict, heads: bool) -> None:
 
 
 def show_algorithms(row: dict, heads: bool) -> None:
-    """Print a row with our algorithms under each other, beside what the plan chose."""
+    """Print one row for each algorithm, relative to the default choice of deepct."""
     if heads:
         print(f"{'network':<11}{'size':>9}  {'side':<20}{'ms':>12}{'to deepct':>12}{'error':>12}")
     for name, side in row["sides"].items():
@@ -243,7 +245,7 @@ def show_algorithms(row: dict, heads: bool) -> None:
 
 
 def provenance() -> dict:
-    """What a record must tell to be repeated."""
+    """The information that is required to repeat a measurement."""
     git = ["git", "describe", "--always", "--dirty", "--exclude=*", "--abbrev=12"]
     source = Path("/proc/cpuinfo")
     lines = source.read_text().splitlines() if source.exists() else []
@@ -259,7 +261,7 @@ def provenance() -> dict:
 
 
 def torch_network(layers: Layers) -> torch.nn.Module:
-    """The network in PyTorch, with the weights as they are."""
+    """The network in PyTorch, with unchanged weights."""
     from torch import from_numpy, nn
 
     modules: list[nn.Module] = []
@@ -271,7 +273,7 @@ def torch_network(layers: Layers) -> torch.nn.Module:
 
 
 def exact(layers: Layers, images: np.ndarray) -> np.ndarray:
-    """The network in float64."""
+    """The output of the network in float64."""
     import torch
 
     with torch.inference_mode():
@@ -334,7 +336,7 @@ def start_torch(layers: Layers, images: np.ndarray, threads: int) -> Callable:
 
 
 def serve(peer: str, threads: str, weights: str, source: str, *rest: str) -> None:
-    """Be a peer's process: answer each number of runs on standard input with their times."""
+    """Run the process of a library: read numbers of runs from standard input, print the times."""
     import numpy as np
 
     count, rows, cols = map(int, rest[:3])

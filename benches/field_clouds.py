@@ -1,13 +1,15 @@
 #!/usr/bin/env python3
-"""Tell what a field does to a network from what its clouds do: each cloud in it and alone.
+"""Separate the effect of a field on the network from that of its clouds.
 
     python3 benches/field_clouds.py FIELD.nc [...] --weights NAME [--program target/release/deepct]
 
 FIELD.nc is a sample of `deepct dataset generate recipes/bomex-fields.toml --set formation=NAME`.
-Every cloud that stands whole in its field and fits into 32 x 32 columns is put alone into the middle
-of that many clear ones and rendered as the field was; to either, with noise, the network answers
-inside the carved mask. Printed: epsilon over the columns of the cloud and two around it, alone and
-in the field, by cloud, and the ratio of the means. Needs numpy, scipy, xarray and h5netcdf.
+Every cloud that lies completely within its field and fits into 32 x 32 columns is also placed alone
+at the centre of a clear scene of this size, which is rendered like the field. With noise added to
+the images, the network estimates the extinction inside the carved mask of the field and of the
+single cloud. The script prints epsilon of each cloud alone and in the field, over the columns of
+the cloud and a margin of two columns, and the ratio of the means. Requires numpy, scipy, xarray and
+h5netcdf.
 """
 
 from __future__ import annotations
@@ -24,19 +26,19 @@ import xarray as xr
 from scipy import ndimage
 
 COLUMNS = 32
-"""Columns on each side of a cloud's own scene."""
+"""Number of columns along each side of the scene of a single cloud."""
 LARGEST = 26
-"""Columns that a cloud may span: the rest is for its parallax."""
+"""Maximum number of columns that a cloud may span, to leave room for its parallax."""
 LEAST_SHARE = 0.01
-"""Of its field's extinction, below which a cloud is a shred."""
+"""Minimum share of the extinction of the field; smaller clouds are ignored."""
 CLOUDY = 0.1
-"""Extinction (1/km) that counts as cloud."""
+"""Extinction (1/km) above which a voxel is cloudy."""
 MARGIN = 2
-"""Columns around a cloud whose errors are its own."""
+"""Number of columns around a cloud whose errors are attributed to it."""
 
 
 class Row(NamedTuple):
-    """What one cloud came to."""
+    """Optical depth and errors (epsilon) of one cloud."""
 
     optical_depth: float
     alone: float
@@ -56,14 +58,14 @@ def main() -> None:
             print(f"{path.stem:20}  {row[0]:13.1f}  {row[1]:7.3f}  {row[2]:12.3f}", flush=True)
             rows.append(row)
     if not rows:
-        raise SystemExit("no cloud stands whole in its field and fits into 32 x 32 columns")
+        raise SystemExit("no cloud lies within its field and fits into 32 x 32 columns")
     mean = Row(*np.mean(rows, axis=0))
     ratio = mean.in_field / mean.alone
     print(f"{len(rows)} clouds: {mean.alone:.3f} alone, {mean.in_field:.3f} in the field, {ratio:.3f}")
 
 
 def clouds(path: Path, program: Path, weights: str) -> Iterator[Row]:
-    """Each cloud of a field."""
+    """The results for each cloud of a field."""
     field = xr.load_dataset(path)[["extinction", "lwc", "reff", "veff"]]
     truth, estimate = field.extinction.values, answer(path, program, weights)
     labels, _ = ndimage.label(truth > CLOUDY, np.ones((3, 3, 3)))
@@ -87,7 +89,7 @@ def clouds(path: Path, program: Path, weights: str) -> Iterator[Row]:
 
 
 def alone(field: xr.Dataset, cloud: np.ndarray, spans: list[tuple[int, int]]) -> xr.Dataset:
-    """One cloud of a field in the middle of clear columns."""
+    """One cloud of a field at the centre of a clear scene."""
     parts, around, places = {}, {}, {}
     for axis, (start, stop) in zip("yx", spans):
         spacing = float(field[axis][1] - field[axis][0])
@@ -100,7 +102,7 @@ def alone(field: xr.Dataset, cloud: np.ndarray, spans: list[tuple[int, int]]) ->
 
 
 def render(scene: xr.Dataset, folder: Path, program: Path, weights: str) -> Path:
-    """The images of a scene, as a data set has them."""
+    """The images of a scene, rendered with the settings of the data set."""
     cloud, images = folder / "cloud.nc", folder / "images.nc"
     scene.drop_vars("extinction").to_netcdf(cloud, engine="h5netcdf")
     droplets = ["--set", "optics.phase=mie", "--set", "optics.extinction=mie"]
@@ -110,7 +112,7 @@ def render(scene: xr.Dataset, folder: Path, program: Path, weights: str) -> Path
 
 
 def answer(images: Path, program: Path, weights: str) -> np.ndarray:
-    """The network's extinction from images to which noise is added."""
+    """The extinction that the network estimates after noise is added to the images."""
     with tempfile.TemporaryDirectory() as name:
         noisy, volume = Path(name) / "noisy.nc", Path(name) / "volume.nc"
         run(program, "sense", images, "--out", noisy)
@@ -120,7 +122,7 @@ def answer(images: Path, program: Path, weights: str) -> np.ndarray:
 
 
 def error(truth: np.ndarray, estimate: np.ndarray, columns: np.ndarray) -> float:
-    """Epsilon over some columns."""
+    """Epsilon over the given columns."""
     return float(np.abs(estimate - truth)[:, columns].sum() / truth[:, columns].sum())
 
 

@@ -1,18 +1,18 @@
 #!/usr/bin/env python3
-"""The four methods on images that another solver made: the independent test of docs/results.md.
+"""Independent test of the four methods (docs/results.md), with images of another solver.
 
     python3 benches/independent.py --simulations FOLDER --work DIR \
         [--program target/release/deepct] [--clouds 10 | --samples NAME,NAME] [--noise 0.02] \
         [--methods network,physics,hybrid,quick-hybrid] [--kinds monte-carlo,ordinates] \
         [--radii true,fixed]
 
-Takes clouds of `recipes/bomex-test.toml`, evenly spread over their sizes, and renders the ten views of
-each by the Monte Carlo solver without bias (relative noise NOISE in bright pixels, before the
-sensor's). The images of the deterministic solver, which the inversions use as well, are those of the
-data set: on them a solver inverts its own images. Each image passes the CMV4000. Inversions are given
-the mean effective radius of the cloud, or 8 um, which is what may be assumed where nothing is known.
-Prints a row for each cloud, method, kind of images and radius, and the means. What is in DIR already is
-not made again. Needs numpy and h5py.
+Selects clouds of `recipes/bomex-test.toml`, evenly distributed over their sizes, and renders the
+ten views of each with the unbiased Monte Carlo solver (relative noise NOISE in bright pixels,
+before the sensor noise). For the self-consistent test, the images are rendered with the
+discrete-ordinates solver, which the inversions use as well. The noise of the CMV4000 is added to
+all images. The inversions use the mean effective radius of the cloud, or 8 um as an assumption
+without prior knowledge. The script prints a row for each cloud, method, kind of images and radius,
+and the means. Existing files in DIR are not computed again. Requires numpy and h5py.
 """
 
 from __future__ import annotations
@@ -28,21 +28,21 @@ import numpy as np
 
 HERE = Path(__file__).parent
 SMALLEST = 60
-"""Voxels of the smallest cloud that is taken."""
+"""Minimum number of voxels of a cloud."""
 FIXED_RADIUS = 8.0
-"""Effective radius (um) where it is not known."""
+"""Effective radius (um) that is assumed if it is unknown."""
 DROPLETS = ["--set", "optics.phase=mie"]
 
 
 class Bench:
-    """A folder of work, and the program."""
+    """The working folder and the program."""
 
     def __init__(self, arguments: argparse.Namespace) -> None:
         self.work, self.program = arguments.work, arguments.program.resolve()
         self.simulations, self.noise = arguments.simulations, arguments.noise
 
     def run(self, *arguments: object) -> str:
-        """What a command of the program prints."""
+        """Run a command of the program and return its output."""
         command = [str(self.program), *map(str, arguments)]
         done = subprocess.run(command, capture_output=True, text=True)
         if done.returncode != 0:
@@ -50,7 +50,7 @@ class Bench:
         return done.stdout
 
     def clouds(self, count: int, names: str | None) -> list[Path]:
-        """Samples of the test set by their names, or evenly spread over the number of voxels."""
+        """Test samples given by name, or evenly distributed over the number of voxels."""
         folder = self.work / "bomex-test"
         if not (folder / "manifest.json").exists():
             recipe = HERE.parent / "recipes" / "bomex-test.toml"
@@ -63,7 +63,7 @@ class Bench:
         return [large[(2 * n + 1) * len(large) // (2 * count)] for n in range(count)]
 
     def images(self, cloud: Path, kind: str) -> Path:
-        """Noisy images of a cloud by one of the solvers."""
+        """Noisy images of a cloud, rendered with one of the solvers."""
         clean = self.work / f"{cloud.stem}-{kind}.nc"
         noisy = self.work / f"{cloud.stem}-{kind}-noisy.nc"
         if not clean.exists():
@@ -100,13 +100,13 @@ class Bench:
 
 
 def voxels(path: Path) -> int:
-    """Number of voxels with water."""
+    """Number of voxels with liquid water."""
     with h5py.File(path) as file:
         return int((file["lwc"][...] > 0).sum())
 
 
 def mean_radius(path: Path) -> float:
-    """Effective radius (um), the mean weighted by the extinction."""
+    """Mean effective radius (um), weighted by the extinction."""
     with h5py.File(path) as file:
         water, radius = file["lwc"][...], file["reff"][...]
     wet = water > 0
@@ -116,7 +116,7 @@ def mean_radius(path: Path) -> float:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--simulations", type=Path, required=True, help="folder of the BOMEX runs")
-    parser.add_argument("--work", type=Path, required=True, help="folder for all that is made")
+    parser.add_argument("--work", type=Path, required=True, help="working folder")
     parser.add_argument("--program", type=Path, default=Path("target/release/deepct"))
     parser.add_argument("--clouds", type=int, default=10)
     parser.add_argument("--samples", help="names of samples, in place of --clouds")

@@ -1,8 +1,9 @@
-//! Time of the convolution: single layers by algorithm, and the two networks of the paper by
-//! kernel, for a cloud of 32 x 32 pixels, 32 such clouds, and a field of 256 x 256.
+//! Time of the convolution: single layers for each algorithm, and the two networks of the paper for
+//! each kernel. The images are one cloud of 32 x 32 pixels, 32 such clouds, and a field of
+//! 256 x 256 pixels.
 //!
-//! `cargo bench -p deepct-core --bench infer` ends by writing what it measured to
-//! `benches/runs/DATE-COMMIT.md`, with the processor and the command.
+//! `cargo bench -p deepct-core --bench infer` writes the results to `benches/runs/DATE-COMMIT.md`,
+//! with the processor and the command.
 
 use criterion::{BenchmarkId, Criterion, Throughput};
 use deepct_core::conv::{Algorithm, Conv2d, Conv2dShape, Kernel, Precision, Settings, Stack};
@@ -12,13 +13,13 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Duration;
 
-/// A number in `[-1, 1)` that looks random.
+/// A pseudo-random number in `[-1, 1)`.
 fn value(index: usize) -> f32 {
     let mixed = (index as u32).wrapping_mul(2_654_435_761) ^ 0x9e37_79b9;
     (mixed.wrapping_mul(2_246_822_519) >> 8) as f32 / (1 << 23) as f32 - 1.0
 }
 
-/// A stack with weights under which the signal neither grows nor dies.
+/// A stack with weights that preserve the magnitude of the signal.
 fn stack(architecture: &Architecture, settings: Settings) -> Stack {
     let layers = architecture.layer_channels().enumerate().map(|(index, (input, output))| {
         let bound = (6.0 / (9.0 * input as f32)).sqrt();
@@ -41,7 +42,7 @@ fn operations(architecture: &Architecture, [count, rows, cols]: [usize; 3]) -> u
     count as u64 * architecture.layer_channels().map(of).sum::<u64>()
 }
 
-/// Time one architecture on images `[image, row, col]`.
+/// Measure the time of one architecture for images of size `[image, row, col]`.
 fn time(
     criterion: &mut Criterion,
     [group, name]: [&str; 2],
@@ -55,7 +56,7 @@ fn time(
     let mut output = vec![0.0; stack.output_channels() * pixels];
     let mut scratch = stack.scratch(size).expect("a size that fits");
     let mut group = criterion.benchmark_group(group);
-    // Criterion prints "elements" a second: here these are FLOP/s of the plain sum.
+    // Criterion prints elements per second, which here are FLOP/s of the direct summation.
     group.throughput(Throughput::Elements(operations(architecture, size)));
     let id = BenchmarkId::new(name, size.map(|n| n.to_string()).join("x"));
     group.bench_function(id, |bencher| {
@@ -104,13 +105,13 @@ fn main() {
     layers(&mut criterion);
     networks(&mut criterion);
     criterion.final_summary();
-    // `cargo test` runs the benches once each and measures nothing.
+    // `cargo test` runs each benchmark once without measuring.
     if std::env::args().any(|argument| argument == "--bench") {
         record();
     }
 }
 
-/// Write what criterion measured in this run to a file of its own.
+/// Write the results of this run to a new file.
 fn record() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
     let target = std::env::var_os("CARGO_TARGET_DIR").map_or(root.join("target"), PathBuf::from);
@@ -140,7 +141,7 @@ fn record() {
     println!("wrote {}", path.display());
 }
 
-/// Name, median and rate of every benchmark whose results lie in `folder`.
+/// Add the name, median and rate of every benchmark with results in `folder` to `rows`.
 fn collect(folder: &Path, rows: &mut Vec<(String, String, String)>) {
     let Ok(entries) = std::fs::read_dir(folder) else { return };
     for path in entries.flatten().map(|entry| entry.path()) {

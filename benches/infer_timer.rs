@@ -1,12 +1,13 @@
-//! A program that times the network for another one: `compare.py` starts it once for
-//! each network and size and asks for a run whenever it is this side's turn.
+//! Timing of the network for `compare.py`, which starts this program once for each network and size
+//! and requests runs when it is the turn of deepct.
 //!
-//! `infer_timer WEIGHTS INPUT BATCH ROWS COLS OUTPUT`: INPUT is raw floats of radiance,
-//! `[cloud, view, row, col]`, and OUTPUT of extinction, `[cloud, level, row, col]`. OUTPUT is
-//! written once; then each line read from standard input that holds a number runs the
-//! network that often and is answered by the milliseconds of each run, as a JSON array.
+//! `infer_timer WEIGHTS INPUT BATCH ROWS COLS OUTPUT`: INPUT contains the radiance
+//! `[cloud, view, row, col]` and OUTPUT the extinction `[cloud, level, row, col]` as raw 32-bit
+//! floats. The program writes OUTPUT once. It then reads a number from each line of standard input,
+//! runs the network this number of times and prints the milliseconds of each run as a JSON array.
 //!
-//! DEEPCT_KERNEL, DEEPCT_ALGORITHM and DEEPCT_PRECISION choose how (see `conv::Settings`).
+//! DEEPCT_KERNEL, DEEPCT_ALGORITHM and DEEPCT_PRECISION select the kernel, algorithm and precision
+//! (see `conv::Settings`).
 
 use deepct_core::conv::{Algorithm, Kernel, Precision, Settings};
 use deepct_core::network::Network;

@@ -1,5 +1,6 @@
-//! A field too large for any cache, beside one of 256 x 256: the pixels a second of both in
-//! turns, and the memory that the larger one takes beyond its images and its extinction.
+//! Inference for a field that exceeds any cache compared with one of 256 x 256 pixels: alternating
+//! measurements of the pixels per second of both, and the memory that the large field requires in
+//! addition to its images and its extinction.
 //!
 //! `cargo run --release -p deepct-core --example large_field -- [WEIGHTS] [ROWS COLS]`
 
@@ -14,7 +15,7 @@ type AnyError = Box<dyn std::error::Error>;
 
 const TURNS: usize = 3;
 
-/// A field that the network runs on again and again.
+/// A field on which the network is run repeatedly.
 struct Field<'a> {
     network: &'a Network,
     size: [usize; 2],
@@ -29,13 +30,13 @@ impl<'a> Field<'a> {
         let value = |index: usize| 0.1 * ((index * 7919 + index / 97 * 31) % 128) as f32 / 128.0;
         let radiance = (0..network.views() * pixels).map(value).collect();
         let mut extinction = vec![0.0; network.output_channels() * pixels];
-        // Written once, so that the memory is there before anything is measured.
+        // Written once, so that the memory is allocated before the measurement.
         extinction.fill(1.0);
         let scratch = network.scratch([1, size[0], size[1]])?;
         Ok(Self { network, size, radiance, extinction, scratch })
     }
 
-    /// Megapixels a second of `runs` runs.
+    /// Megapixels per second, averaged over `runs` runs.
     fn run(&mut self, runs: usize) -> Result<f64, AnyError> {
         let start = Instant::now();
         for _ in 0..runs {
@@ -56,7 +57,7 @@ fn main() -> Result<(), AnyError> {
     let network = Network::new(&deepct_core::io::load_weights(weights)?)?;
     let mut small = Field::new(&network, [256, 256])?;
     small.run(1)?;
-    // The peak is counted from here on, where images and extinction are in memory already.
+    // The peak is measured after images and extinction have been allocated.
     let mut large = Field::new(&network, size)?;
     let before = status("VmRSS:");
     let counted = restart_peak();

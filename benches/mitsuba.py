@@ -1,17 +1,17 @@
 #!/usr/bin/env python3
-"""Render one cloud with deepct and with Mitsuba 3, and compare time times variance.
+"""Render one cloud with deepct and with Mitsuba 3, and compare the product of time and variance.
 
     python3 benches/mitsuba.py FOLDER [--json] [--seconds S] [--threads N]
 
-FOLDER has rico32_cloud.nc and rico32_views.nc. Builds deepct, installs Mitsuba into
-benches/.venv-mitsuba, renders the five views with both on the same threads for about S
-seconds a view, and prints a row for each phase function and mode of deepct: the noise of
-both, their seconds, and how many times less time deepct takes for the same noise.
+FOLDER contains rico32_cloud.nc and rico32_views.nc. The script builds deepct, installs Mitsuba into
+benches/.venv-mitsuba, renders the five views with both, using the same number of threads for about
+S seconds per view, and prints a row for each phase function and mode of deepct: the noise and the
+seconds of both, and the ratio of the time of Mitsuba to that of deepct for the same noise.
 
-The noise is the standard error over the radiance, the root mean square over the bright
-pixels of a view: those with half the radiance of its brightest. Mitsuba's is the scatter
-of repeated renderings. Strongly forward scattering makes its noise heavy-tailed: a short
-run has not met the worst samples yet and looks better than it is.
+The noise is the standard error divided by the radiance, as the root mean square over the bright
+pixels of a view, which have at least half the radiance of its brightest pixel. For Mitsuba, it is
+the standard deviation of repeated renderings. With strongly forward-peaked scattering, the noise of
+Mitsuba has a heavy-tailed distribution, so that a short run underestimates it.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ VENV = Path(__file__).resolve().parent / ".venv-mitsuba"
 REQUIREMENTS = ("mitsuba==3.9.1", "h5py==3.15.1", "numpy==2.4.6")
 VIEWS = {"nadir": 0.0, "plus26": 26.0, "minus26": -26.0, "plus46": 46.0, "minus46": -46.0}
 PLANE_KM = 1.44
-"""Altitude of the plane that the pixels of the views lie in."""
+"""Altitude of the plane that contains the pixels of the views."""
 PIXEL_KM = 0.02
 BRIGHT = 0.5
 REPEATS = 32
-"""Renderings by Mitsuba whose scatter gives its noise."""
+"""Number of renderings with Mitsuba from which its noise is estimated."""
 ASYMMETRIES = (0.0, 0.85)
 MODES = {"unbiased": "never", "similar": "4"}
 
@@ -44,13 +44,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("folder", type=Path, help="folder with the cloud and its views")
     parser.add_argument("--json", action="store_true", help="print one JSON array")
-    parser.add_argument("--seconds", type=float, default=20.0, help="time of a view, each side")
-    parser.add_argument("--threads", type=int, default=2, help="threads of each side")
+    parser.add_argument("--seconds", type=float, default=20.0, help="time per view and renderer")
+    parser.add_argument("--threads", type=int, default=2, help="threads of each renderer")
     arguments = parser.parse_args()
     python = VENV / "bin" / "python"
     if not sys.flags.isolated:
         install(python)
-        # Isolated, as this file would be taken for the package of its name otherwise.
+        # Isolated mode, as otherwise this file would be imported instead of the package mitsuba.
         os.execv(python, [str(python), "-I", __file__, *sys.argv[1:]])
     timer = build_timer()
     rows = []
@@ -84,7 +84,7 @@ def main() -> None:
 
 
 def install(python: Path) -> None:
-    """Make the environment of Mitsuba."""
+    """Create the virtual environment of Mitsuba."""
     if not python.exists():
         venv.create(VENV, with_pip=True)
     pip = [python, "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
@@ -92,7 +92,7 @@ def install(python: Path) -> None:
 
 
 def build_timer() -> Path:
-    """The program that runs our side."""
+    """Build the program that renders with deepct."""
     subprocess.run(
         ["cargo", "build", "--release", "--quiet", "-p", "deepct-core", "--example", "render_timer"],
         cwd=ROOT,
@@ -103,7 +103,7 @@ def build_timer() -> Path:
 
 
 def deepct(timer: Path, arguments, name: str, asymmetry: float, similarity_after: str) -> dict:
-    """Radiance and standard error of a view, and the seconds they took."""
+    """Radiance and standard error of a view rendered with deepct, and the seconds required."""
     import numpy as np
 
     with tempfile.TemporaryDirectory() as folder:
@@ -129,12 +129,12 @@ def deepct(timer: Path, arguments, name: str, asymmetry: float, similarity_after
 
 
 def mitsuba(arguments, name: str, asymmetry: float) -> dict:
-    """The same by Mitsuba, from repeated renderings."""
+    """Radiance and standard error from repeated renderings with Mitsuba, and the seconds."""
     import mitsuba
     import numpy as np
 
-    # The vectorised variants want an LLVM library of the machine's own; on a cloud of this
-    # size they were slower than the scalar one.
+    # The vectorised variants require an LLVM library on the system; for a cloud of this size they
+    # were slower than the scalar variant.
     mitsuba.set_variant("scalar_rgb")
     threads = mitsuba.Thread if hasattr(mitsuba, "Thread") else None
     if threads is not None and hasattr(threads, "set_thread_count"):
@@ -152,12 +152,12 @@ def mitsuba(arguments, name: str, asymmetry: float) -> dict:
     images = np.stack([run(samples, seed) for seed in range(REPEATS)])
     seconds = time.perf_counter() - start
     error = images.std(axis=0, ddof=1) / np.sqrt(REPEATS)
-    # Rows of Mitsuba run from the top, that is from the north, down.
+    # The rows of Mitsuba start at the top of the image, that is, in the north.
     return {"radiance": images.mean(axis=0)[::-1], "error": error[::-1], "seconds": seconds}
 
 
 def mitsuba_scene(mitsuba, folder: Path, name: str, asymmetry: float):
-    """The cloud between its outermost nodes, the Sun, and an orthographic camera."""
+    """A scene of the cloud between its outermost nodes, the Sun and an orthographic camera."""
     import h5py
     import numpy as np
 
@@ -173,7 +173,7 @@ def mitsuba_scene(mitsuba, folder: Path, name: str, asymmetry: float):
         "type": "gridvolume",
         "grid": mitsuba.VolumeGrid(extinction[..., None]),
         "filter_type": "trilinear",
-        # Its values lie in the middles of the cells of a unit cube.
+        # The values are located at the cell centres of a unit cube.
         "to_world": transform()
         .translate(list(lower - half))
         .scale(list(upper - lower + 2 * half)),
@@ -233,7 +233,7 @@ def mitsuba_scene(mitsuba, folder: Path, name: str, asymmetry: float):
 
 
 def compare(asymmetry: float, mode: str, ours: dict, peer: dict) -> dict:
-    """Noise, seconds, and the ratio of time times variance, over all views."""
+    """Noise, seconds, and the ratio of the products of time and variance, over all views."""
     import numpy as np
 
     def noise(side: dict) -> float:
@@ -241,7 +241,7 @@ def compare(asymmetry: float, mode: str, ours: dict, peer: dict) -> dict:
         for name in VIEWS:
             radiance = ours[name]["radiance"]
             bright = radiance >= BRIGHT * radiance.max()
-            # Against our radiance, which has the lower noise.
+            # Relative to the radiance of deepct, which has the lower noise.
             squares.append((side[name]["error"][bright] / radiance[bright]) ** 2)
         return float(np.sqrt(np.mean(np.concatenate(squares))))
 

@@ -1,14 +1,15 @@
-//! The deterministic solver on a real cloud, beside the images of two other codes.
+//! Comparison of the discrete-ordinates solver with the images of two other codes for a simulated
+//! cloud.
 //!
 //! `ordinates FOLDER [ASYMMETRY [ZENITH_ANGLES [PATHS]]]` computes the five views of the cloud
-//! in FOLDER (rico32_cloud.nc, rico32_views.nc) one after the other and prints a row for each:
-//! the view mean against those of Mitsuba and of SHDOM, the mean absolute difference of the
-//! pixels from SHDOM's over the mean, the sweeps and the seconds, those of the first
-//! solution in the first row.
+//! in FOLDER (rico32_cloud.nc, rico32_views.nc) one after the other and prints a row for each view:
+//! the view mean relative to those of Mitsuba and SHDOM, the mean absolute difference between the
+//! pixels of deepct and SHDOM divided by the mean, the number of sweeps and the seconds. The first
+//! row includes the solution of the radiation field.
 //!
-//! PATHS is a folder with VIEW.bin of each view by `render_timer FOLDER VIEW ASYMMETRY SAMPLES
-//! never PATHS/VIEW.bin`: the same against photon paths, and the mean absolute difference
-//! that the noise of the paths makes alone.
+//! PATHS is a folder with a file VIEW.bin for each view, written by `render_timer FOLDER VIEW
+//! ASYMMETRY SAMPLES never PATHS/VIEW.bin`. If it is given, the same comparison is made with Monte
+//! Carlo, including the mean absolute difference that the Monte Carlo noise alone causes.
 
 use deepct_core::io::{read_reference_view, read_volume};
 use deepct_core::optics::{Interpolation, Medium, PhaseFunction};
@@ -19,7 +20,7 @@ use std::time::Instant;
 
 type AnyError = Box<dyn std::error::Error>;
 
-/// The radiances of the files are for a flux of 1 through a horizontal plane.
+/// The radiances in the files are for a solar irradiance of 1 on a horizontal plane.
 const SUN_ZENITH_DEG: f64 = 30.0;
 
 fn main() -> Result<(), AnyError> {
@@ -73,7 +74,7 @@ fn main() -> Result<(), AnyError> {
     Ok(())
 }
 
-/// What pixels and their mean differ from those of photon paths, in per cent.
+/// Differences of the mean and of the pixels from Monte Carlo, and those due to noise (per cent).
 fn beside_paths(file: &Path, found: &[f64], flux: f64) -> Result<String, AnyError> {
     let bytes = std::fs::read(file)?;
     let (numbers, _) = bytes.as_chunks::<8>();
@@ -81,7 +82,7 @@ fn beside_paths(file: &Path, found: &[f64], flux: f64) -> Result<String, AnyErro
     let (radiance, error) = numbers.split_at(found.len());
     let all: f64 = radiance.iter().sum();
     let apart: f64 = found.iter().zip(radiance).map(|(a, b)| (a - b).abs()).sum();
-    // The mean of the absolute value of a normal variable.
+    // Mean absolute value of a normally distributed variable.
     let noise = (2.0 / std::f64::consts::PI).sqrt() * error.iter().sum::<f64>();
     let share = |sum: f64| 100.0 * sum / all;
     let mean = share(found.iter().sum::<f64>() - all);

@@ -1,9 +1,10 @@
-//! What the deterministic solver costs, and what thick cells do to it.
+//! Computing time and memory of the discrete-ordinates solver, and its errors for optically thick
+//! cells.
 //!
 //! `ordinates_cost [SIDE ...]` prints
-//! - seconds of images and of a gradient of a cumulus, and of its 32 views;
-//! - seconds and peak memory for fields of clouds of SIDE x SIDE columns (64, 128, 256);
-//! - reflectances of layers by the optical depth of a cell.
+//! - the seconds for the images and for a gradient of a cumulus with 1 and with 32 views;
+//! - the seconds and peak memory for cloud fields of SIDE x SIDE columns (default: 64, 128, 256);
+//! - the errors of the reflectances of layers for several optical depths of a cell.
 
 mod process_memory;
 
@@ -38,7 +39,7 @@ fn scene(extinction: Volume, asymmetry: f64, sun_zenith_deg: f64) -> Result<Scen
     Ok(Scene::new(medium, Sun::from_degrees(sun_zenith_deg, 225.0)?, Surface::BLACK)?)
 }
 
-/// Views of 32 x 32 pixels around a cloud, from the zenith to 45 degrees.
+/// Views of `side` x `side` pixels around a cloud, with zenith angles from 0 to 45 degrees.
 fn views(grid: &Grid, count: usize, side: usize) -> Result<Vec<View>, AnyError> {
     let pixel = grid.extent().x / side as f64;
     let view = |number: usize| {
@@ -66,7 +67,7 @@ fn one_cloud() -> Result<(), AnyError> {
             let start = Instant::now();
             model.images(&extinction)?;
             keep_least(&mut seconds[1], start);
-            // Weights as a misfit has them: of both signs.
+            // The weights have both signs, as those of a misfit.
             let mean = images.values.mean().unwrap_or(0.0);
             let weights = ViewStack::new(images.values.map(|value| value - mean))?;
             let start = Instant::now();
@@ -83,7 +84,7 @@ fn keep_least(least: &mut f64, start: Instant) {
     *least = least.min(start.elapsed().as_secs_f64());
 }
 
-/// A cloud of 32 x 32 columns again and again, on a periodic field.
+/// A periodic field in which a cloud of 32 x 32 columns is repeated.
 fn field(side: usize) -> Result<(), AnyError> {
     let grid = Grid::new(DVec3::ZERO, DVec3::new(0.05, 0.05, 0.04), [12, side, side])?;
     let extinction = Array3::from_shape_fn(grid.shape, |(k, j, i)| {
@@ -96,7 +97,7 @@ fn field(side: usize) -> Result<(), AnyError> {
     let extinction = Volume::new(grid, extinction)?;
     let scene = scene(extinction.clone(), 0.85, 30.0)?.with_boundary(Boundary::Periodic);
     let views = views(&grid, 1, side)?;
-    // The peak is counted from here on.
+    // The peak memory is measured from here on.
     let counted = restart_peak();
     let start = Instant::now();
     let mut model = OrdinatesModel::new(&scene, &views, None, &OrdinatesSettings::default())?;
@@ -117,8 +118,9 @@ fn field(side: usize) -> Result<(), AnyError> {
     Ok(())
 }
 
-/// Asymmetry, optical depth, zenith angle of the Sun (degrees), reflectance without
-/// absorption: discrete ordinates, 32 and 48 streams agreeing to five digits.
+/// Asymmetry parameter, optical depth, solar zenith angle (degrees) and reflectance without
+/// absorption. The reflectances are from a discrete-ordinates solution whose results for 32 and 48
+/// streams agree to five digits.
 const LAYERS: [(f64, f64, f64, f64); 8] = [
     (0.0, 8.0, 0.0, 0.82180),
     (0.0, 8.0, 60.0, 0.87665),
@@ -129,16 +131,16 @@ const LAYERS: [(f64, f64, f64, f64); 8] = [
     (0.85, 16.0, 0.0, 0.55721),
     (0.85, 16.0, 60.0, 0.69740),
 ];
-/// Optical depths of a cell.
+/// Optical depths of the cells.
 const CELLS: [f64; 5] = [0.25, 0.5, 1.0, 2.0, 4.0];
 
-/// Layers in cells that are not split.
+/// Print the reflectance errors of layers whose cells are not subdivided.
 fn layers() -> Result<(), AnyError> {
     println!("\nreflectance of layers, error by optical depth of a cell");
     println!("g      depth Sun   {}", CELLS.map(|cell| format!("{cell:>9}")).concat());
     for (asymmetry, depth, sun_zenith_deg, expected) in LAYERS {
         let errors = CELLS.map(|cell| {
-            // A layer that is thinner than the cell is one cell.
+            // A layer that is thinner than the given depth consists of one cell.
             let cells = (depth / cell).max(1.0) as usize;
             let found = reflectance(asymmetry, depth, sun_zenith_deg, cells);
             found.map(|found| format!("{:+7.2} %", 100.0 * (found / expected - 1.0)))
@@ -155,13 +157,13 @@ fn reflectance(
     sun_zenith_deg: f64,
     cells: usize,
 ) -> Result<f64, AnyError> {
-    // So wide that hardly any light goes from one side to the other.
+    // The column is so wide that horizontal transport is negligible.
     let spacing = DVec3::new(10.0, 10.0, 1.0 / cells as f64);
     let grid = Grid::new(DVec3::ZERO, spacing, [cells, 1, 1])?;
     let extinction = Volume::constant(grid, depth as f32);
     let scene =
         scene(extinction.clone(), asymmetry, sun_zenith_deg)?.with_boundary(Boundary::Periodic);
-    // The middles of equal shares of the flux of a hemisphere.
+    // Directions at the centres of bins that contribute equally to the hemispheric flux.
     let (zeniths, azimuths) = (40, 16);
     let view = |number: usize| {
         let share = ((number / azimuths) as f64 + 0.5) / zeniths as f64;

@@ -1,11 +1,11 @@
-//! How much memory a timed program takes.
+//! Memory use of the process, as reported by Linux.
 
-/// Count the peak of the memory in use from here on; whether Linux does so.
+/// Reset the peak memory use of the process. Returns whether the system supports this.
 pub(crate) fn restart_peak() -> bool {
     std::fs::write("/proc/self/clear_refs", "5").is_ok()
 }
 
-/// A line of what Linux tells of this process, such as `VmHWM:`, the peak (bytes).
+/// A value of `/proc/self/status` (bytes) by its name, such as `VmHWM:`, the peak memory use.
 pub(crate) fn status(name: &str) -> Option<usize> {
     let text = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = text.lines().find_map(|line| line.strip_prefix(name))?;

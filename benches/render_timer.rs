@@ -1,10 +1,10 @@
-//! A program that renders for another one: `mitsuba.py` starts it for each view.
+//! Timing of the Monte Carlo solver for `mitsuba.py`, which starts this program for each view.
 //!
 //! `render_timer FOLDER VIEW ASYMMETRY SAMPLES SIMILARITY_AFTER OUTPUT` renders a view of
-//! the cloud in FOLDER (rico32_cloud.nc, rico32_views.nc) under the Sun of that file, with
-//! SIMILARITY_AFTER a number or "never". OUTPUT is written as raw doubles: the radiance of
-//! all pixels, then the standard error of all pixels. The wall seconds of the rendering
-//! and its rows and columns are printed as a JSON array.
+//! the cloud in FOLDER (rico32_cloud.nc, rico32_views.nc) with the Sun of these views.
+//! SIMILARITY_AFTER is a number or "never". OUTPUT contains the radiance of all pixels, followed by
+//! the standard error of all pixels, as raw doubles. The wall-clock seconds of the rendering and
+//! the numbers of rows and columns are printed as a JSON array.
 
 use deepct_core::io::{read_reference_view, read_volume};
 use deepct_core::optics::{Interpolation, Medium, PhaseFunction};

@@ -1,13 +1,12 @@
 #!/usr/bin/env python3
-"""Measure what docs/results.md tells, and write it by results_template.md.
+"""Measure the results in docs/results.md and write this page from results_template.md.
 
     python3 benches/results.py --simulations FOLDER --rico rico32_cloud.nc --work FOLDER \
         [--program target/release/deepct]
 
-The simulations are those of `recipes/bomex-test.toml`. Work that is there already is kept, so that
-a run that was stopped goes on: another program or network wants another folder. The page and its
-pictures go to docs. Needs numpy, scipy, xarray and
-h5netcdf.
+The simulations are those of `recipes/bomex-test.toml`. Existing files in the working folder are
+used again, so that an interrupted run can be resumed; use a new folder for another program or
+network. The page and its figures are written to docs. Requires numpy, scipy, xarray and h5netcdf.
 """
 
 from __future__ import annotations
@@ -36,14 +35,14 @@ SQUARES = {
     64: ["--set", "counts.test=6"],
     128: ["--set", "counts.test=1", "--set", "columns=128", "--set", "minimum_columns=400"],
 }
-"""Settings of `bomex-fields.toml` by the columns of a field."""
+"""Settings of `bomex-fields.toml` for each number of columns along the side of a field."""
 MIE = ["--set", "optics.phase=mie", "--set", "optics.extinction=mie"]
 COLUMNS = 32
-"""Columns on each side of RICO's scene."""
+"""Number of columns along each side of the scene of the RICO cloud."""
 
 
 class Field(NamedTuple):
-    """Means of epsilon (%) over the whole clouds of fields, and over the fields."""
+    """Mean epsilon (%) of complete clouds, alone and in their field, and of whole fields."""
 
     clouds: int
     alone: float
@@ -52,20 +51,20 @@ class Field(NamedTuple):
 
 
 class Bench:
-    """A folder of work, and the program."""
+    """The working folder and the program."""
 
     def __init__(self, arguments: argparse.Namespace) -> None:
         self.simulations, self.rico = arguments.simulations, arguments.rico
         self.work, self.program = arguments.work, arguments.program.resolve()
 
     def run(self, *arguments: object) -> str:
-        """What a command of the program prints."""
+        """Run a command of the program and return its output."""
         words = [str(argument) for argument in arguments]
         print("deepct", shlex.join(words), flush=True)
         return output([str(self.program), "-q", *words])
 
     def made(self, name: str, make: Callable[[Path], object]) -> Path:
-        """A file or folder of the work, made now unless it was."""
+        """A file or folder of the working folder, which is created unless it is complete."""
         path, done = self.work / name, self.work / f"{name}.done"
         if not done.exists():
             make(path)
@@ -73,7 +72,7 @@ class Bench:
         return path
 
     def samples(self, name: str, recipe: str, *settings: str) -> Path:
-        """A data set."""
+        """Generate a data set and return its folder."""
         source = HERE.parent / "recipes" / recipe
         options = ["--simulations", self.simulations, *settings]
         return self.made(
@@ -81,7 +80,7 @@ class Bench:
         )
 
     def experiment(self, name: str, recipe: str, *settings: str) -> list[dict]:
-        """The results of an experiment, one of each cloud and way."""
+        """Run an experiment and return one result for each cloud and method."""
         source = HERE.parent / "recipes" / recipe
         sets = [word for setting in settings for word in ("--set", setting)]
         out = self.made(name, lambda out: self.run("experiment", source, *sets, "--out", out))
@@ -91,8 +90,8 @@ class Bench:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--simulations", type=Path, required=True, help="folder of the BOMEX runs")
-    parser.add_argument("--rico", type=Path, required=True, help="the RICO cloud of 20 m")
-    parser.add_argument("--work", type=Path, required=True, help="folder for all that is made")
+    parser.add_argument("--rico", type=Path, required=True, help="the RICO cloud with 20 m voxels")
+    parser.add_argument("--work", type=Path, required=True, help="working folder")
     parser.add_argument("--program", type=Path, default=Path("target/release/deepct"))
     arguments = parser.parse_args()
     arguments.work.mkdir(parents=True, exist_ok=True)
@@ -123,20 +122,20 @@ def main() -> None:
 
 
 def output(command: list[str]) -> str:
-    """What a command prints."""
+    """Run a command and return its output."""
     done = subprocess.run(command, check=False, stdout=subprocess.PIPE, text=True)
     if done.returncode != 0:
-        raise SystemExit(f"{Path(command[0]).name} failed, see above; the same call goes on here")
+        raise SystemExit(f"{Path(command[0]).name} failed (see above); repeat the call to resume")
     return done.stdout
 
 
 def column(results: list[dict], key: str, way: str = "network") -> np.ndarray:
-    """One number of each cloud."""
+    """One value for each cloud."""
     return np.array([result[key] for result in results if result["method"] == way], float)
 
 
 def spread(values: np.ndarray, digits: int = 1) -> str:
-    """Mean and standard deviation."""
+    """Mean and standard deviation as text."""
     return f"{values.mean():.{digits}f} +- {values.std(ddof=1):.{digits}f}"
 
 
@@ -145,13 +144,13 @@ def percent(value: float) -> str:
 
 
 def table(*rows: list[str]) -> str:
-    """A table, of which the first row is the head."""
+    """A Markdown table whose first row is the header."""
     lines = [f"| {' | '.join(row)} |" for row in rows]
     return "\n".join([lines[0], "|---" * len(rows[0]) + "|", *lines[1:]])
 
 
 def network_table(isolated: dict[str, list[dict]]) -> str:
-    rows = [["", "epsilon (%)", "bar", "delta (%)", "abs(delta) (%)", "bar", "time (ms)"]]
+    rows = [["", "epsilon (%)", "target", "delta (%)", "abs(delta) (%)", "target", "time (ms)"]]
     for (name, views), bar in zip(NETWORKS.items(), (45, 40)):
         delta = 100.0 * column(isolated[name], "mass_error")
         error = f"**{spread(100.0 * column(isolated[name], 'relative_error'))}**"
@@ -178,7 +177,7 @@ def depth_table(isolated: dict[str, list[dict]]) -> str:
 
 
 def expected(isolated: dict[str, list[dict]]) -> str:
-    """What the networks expected, and whether it came so."""
+    """The mean errors that the networks expect, and their correlation with the actual errors."""
     sentences = []
     for name, views in NETWORKS.items():
         told = column(isolated[name], "expected_relative_error")
@@ -188,7 +187,7 @@ def expected(isolated: dict[str, list[dict]]) -> str:
 
 
 def way_table(results: list[dict]) -> str:
-    rows = [["way", "epsilon (%)", "delta (%)", "time (s)", "steps"]]
+    rows = [["method", "epsilon (%)", "delta (%)", "time (s)", "steps"]]
     for way, letter in WAYS.items():
         seconds, steps = column(results, "seconds", way), column(results, "steps", way).mean()
         error, delta = (
@@ -201,7 +200,7 @@ def way_table(results: list[dict]) -> str:
 
 
 def compared(ways: dict[str, list[dict]]) -> str:
-    rows = [["D over C", "epsilon (bar 1.10)", "time (bar 0.20)"]]
+    rows = [["D over C", "epsilon (target 1.10)", "time (target 0.20)"]]
     for name, views in NETWORKS.items():
         ratios = [
             column(ways[name], key, "quick-hybrid").mean()
@@ -213,7 +212,7 @@ def compared(ways: dict[str, list[dict]]) -> str:
 
 
 def field(bench: Bench, name: str, columns: int) -> Field:
-    """What fields do to a network."""
+    """The errors of a network for fields of a given size."""
     place = f"fields-{columns}-{name}"
     choice = [*SQUARES[columns], "--set", "counts.validation=0", "--set", f"formation={name}"]
     folder = bench.samples(place, "bomex-fields.toml", *choice)
@@ -232,13 +231,13 @@ def field(bench: Bench, name: str, columns: int) -> Field:
     told = bench.made(f"clouds-{place}.txt", compare).read_text()
     found = re.search(r"(\d+) clouds: ([\d.]+) alone, ([\d.]+) in the field", told)
     if found is None:
-        raise SystemExit(f"{place}: no mean in what field_clouds.py printed")
+        raise SystemExit(f"{place}: no mean in the output of field_clouds.py")
     count, alone, inside = found.groups()
     return Field(int(count), 100.0 * float(alone), 100.0 * float(inside), 100.0 * whole.mean())
 
 
 def field_table(fields: dict[tuple[str, int], Field], isolated: dict[str, list[dict]]) -> str:
-    head = ["", "views", "clouds", "alone", "in the field", "ratio (bar 1.15)"]
+    head = ["", "views", "clouds", "alone", "in the field", "ratio (target 1.15)"]
     rows = [[*head, "whole field", "over isolated clouds"]]
     for (name, columns), own in fields.items():
         ratio = own.inside / own.alone
@@ -250,7 +249,7 @@ def field_table(fields: dict[tuple[str, int], Field], isolated: dict[str, list[d
 
 
 def rico_error(bench: Bench, name: str, plain: bool) -> float:
-    """Epsilon of the RICO cloud on voxels of 50 m, alone in clear columns."""
+    """Epsilon of the single RICO cloud on voxels of 50 m in an otherwise clear scene."""
     scene = bench.made("rico.nc", lambda out: rico_scene(bench, out))
     light = [] if plain else ["--air", *MIE]
     paths = ["--samples", 256 if plain else 128, "--similarity-after", 3]
@@ -278,7 +277,7 @@ def rico_scene(bench: Bench, out: Path) -> None:
 
 
 def pictures(bench: Bench, results: list[dict]) -> str:
-    """Copies the pictures that the page shows; gives the links to those of the clouds."""
+    """Copy the figures of the page and return the links to those of the clouds."""
     folder = DOCS / "results"
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir()

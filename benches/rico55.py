@@ -1,12 +1,13 @@
 #!/usr/bin/env python3
-"""The dense RICO cloud of HybridCT's validation, retrieved from nine views: docs/deterministic_solver.md.
+"""Retrieval of the dense RICO cloud of HybridCT's validation from nine views.
 
     python3 benches/rico55.py --truth truth_RICO_40m_80kmx80km_T_qc_30.0h_id055.nc --work DIR \
         [--program target/release/deepct]
 
-Writes the cloud as a volume of deepct, renders the views of `recipes/misr-nine-views.toml` by Monte Carlo
-with 2 % noise (minutes), and inverts them with the true and with the carved mask. The log of each inversion
-(epsilon by step and second) stays in DIR. Needs numpy and h5py.
+Writes the cloud as a volume of deepct, renders the views of `recipes/misr-nine-views.toml` with
+Monte Carlo and 2 % noise (which takes minutes), and inverts the images with the true and with the
+carved mask. The log of each inversion (epsilon by step and second) is stored in DIR. The results
+are reported in docs/deterministic_solver.md. Requires numpy and h5py.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ LIGHT = ["--surface-albedo", "0", "--set", "optics.phase=mie",
 
 
 def write(path: Path, name: str, values: np.ndarray, units: str) -> None:
-    """A field (z, y, x) on voxels whose lowest faces are at 0, 0 and 1 km."""
+    """Write a field (z, y, x) on a grid whose lower corner is at z = 1 km and y = x = 0."""
     with h5py.File(path, "w") as file:
         field = file.create_dataset(name, data=values)
         field.attrs["units"] = units
@@ -46,7 +47,7 @@ def main() -> None:
     arguments.work.mkdir(parents=True, exist_ok=True)
     cloud, mask, images = (arguments.work / n for n in ("cloud.nc", "mask.nc", "images.nc"))
     with h5py.File(arguments.truth) as file:
-        # The first level is a filler down to the ground.
+        # The first level only fills the space between the surface and the cloud.
         extinction = np.nan_to_num(file["extinction"][...])[:, :, 1:].transpose(2, 1, 0)
     write(cloud, "extinction", extinction.astype(np.float32), "km-1")
     write(mask, "mask", (extinction > 0).astype(np.uint8), "1")

@@ -1,11 +1,10 @@
-//! A cloud from the images of another code: the five views that Mitsuba made of the RICO
-//! cloud.
+//! Inversion of images of another code: the five views of the RICO cloud rendered by Mitsuba.
 //!
 //! `rico_inversion FOLDER [ASYMMETRY [constant|trilinear [AGREEMENT TYPICAL_GRADIENT
-//! MODEL_ERROR LEAST_ERROR MISFIT]]]` inverts the views of FOLDER (rico32_cloud.nc, rico32_views.nc),
-//! all in one plane and with the Sun in it, inside the mask that is carved from them, from
-//! 0.01 /km, and prints a row for each step. The last five are settings of the carving and of
-//! the inversion.
+//! MODEL_ERROR LEAST_ERROR MISFIT]]]` inverts the views in FOLDER (rico32_cloud.nc,
+//! rico32_views.nc), which lie in one plane with the Sun. The inversion starts from 0.01 /km inside
+//! the mask carved from the images, and a row is printed for each step. The last five arguments are
+//! settings of the carving and of the inversion.
 
 use deepct_core::carve::{CarveSettings, carve};
 use deepct_core::grid::Volume;
@@ -23,7 +22,7 @@ use std::path::Path;
 
 type AnyError = Box<dyn std::error::Error>;
 
-/// The radiances of the files are for a flux of 1 through a horizontal plane.
+/// The radiances in the files are for a solar irradiance of 1 on a horizontal plane.
 const SUN_ZENITH_DEG: f64 = 30.0;
 
 fn main() -> Result<(), AnyError> {
@@ -70,7 +69,7 @@ fn main() -> Result<(), AnyError> {
     Ok(())
 }
 
-/// The views on images of one size: what is added sees nothing.
+/// The views as images of one size. The added pixels do not show the cloud and have radiance 0.
 fn observe(scene: &Scene, views: &[ReferenceView]) -> Result<Observation, AnyError> {
     let cols = views.iter().map(|view| view.view.cols).max().ok_or("no views")?;
     let rows = views[0].view.rows;
@@ -95,7 +94,7 @@ fn observe(scene: &Scene, views: &[ReferenceView]) -> Result<Observation, AnyErr
     Ok(observation)
 }
 
-/// Prints each step.
+/// Prints one row for each step.
 struct Rows;
 
 impl Watch for Rows {

@@ -1,9 +1,12 @@
 #!/usr/bin/env bash
-# ARTmie 0.1.3: extinction of spheres of size parameters from about 67 to 151 is up to half too large.
+# ARTmie 0.1.3: the extinction of spheres with size parameters from about 67 to 151 is up to about
+# 50 % too large.
 #
-# Below and above it agrees with miepython 3.3.0 to some 1e-4. In red light these are droplets of 7 to 16 um
-# radius, most of what a water cloud scatters by; albedo and asymmetry look plausible, and a mean over
-# sizes hides it. Seen, refractive index 1.331 + 2e-8 i, extinction efficiencies:
+# For smaller and larger spheres, it agrees with miepython 3.3.0 to about 1e-4. In red light, these
+# size parameters correspond to droplets with radii of 7 to 16 um, which cause most of the
+# scattering of a water cloud. Single-scattering albedo and asymmetry parameter appear plausible,
+# and an average over sizes conceals the error. Observed extinction efficiencies for the refractive
+# index 1.331 + 2e-8 i:
 #
 #   size parameter   10: ARTmie 2.1902, miepython 2.1902
 #   size parameter   66: ARTmie 2.1241, miepython 2.1241
@@ -12,7 +15,7 @@
 #   size parameter  120: ARTmie 2.4302, miepython 2.1169
 #   size parameter  200: ARTmie 2.0315, miepython 2.0315
 #
-# What helps: another Mie code, miepython among them.
+# Workaround: use another Mie code, such as miepython.
 set -euo pipefail
 
 folder="$(mktemp -d)"
@@ -34,5 +37,5 @@ for size, wrong in [(10, 0.0), (66, 0.0), (80, 0.47), (100, 0.32), (120, 0.15), 
     right = miepython.efficiencies_mx(1.331 - 2e-8j, float(size))[0]
     print(f"size parameter {size:4}: ARTmie {found:.4f}, miepython {right:.4f}")
     if abs(found / right - 1.0 - wrong) > 0.01:
-        sys.exit("ARTmie does something else now")
+        sys.exit("the behaviour of ARTmie has changed")
 PY

@@ -1,14 +1,15 @@
 #!/usr/bin/env bash
-# safetensors 0.8.0, NumPy module: arrays that are not in C order are written scrambled, silently.
+# safetensors 0.8.0, NumPy module: the elements of arrays that are not in C order are permuted
+# without an error.
 #
-# The header tells the shape of the array, the bytes are those of its memory: a transposed or
-# Fortran-ordered array comes back with its numbers in other places. Version 0.7.0 copied such arrays
-# into C order first. Seen with NumPy 2.3.5 on x86-64 Linux:
+# The header contains the shape of the array, but the data are written in the order of the memory.
+# The elements of a transposed or Fortran-ordered array are therefore permuted after reading.
+# Version 0.7.0 copied such arrays to C order first. Observed with NumPy 2.3.5 on x86-64 Linux:
 #
 #   0.7.0: [[0, 3], [1, 4], [2, 5]] came back as [[0, 3], [1, 4], [2, 5]]
 #   0.8.0: [[0, 3], [1, 4], [2, 5]] came back as [[0, 1], [2, 3], [4, 5]]
 #
-# Shape, sum, least and largest value are right, so that checks by them pass. What helps:
+# Shape, sum, minimum and maximum are correct, so that checks based on them pass. Workaround: apply
 # `numpy.ascontiguousarray` before saving.
 set -euo pipefail
 
@@ -31,7 +32,7 @@ found = load(save({"x": saved}))["x"]
 print(f"{version}: {saved.astype(int).tolist()} came back as {found.astype(int).tolist()}")
 assert found.shape == (3, 2) and found.sum() == saved.sum()
 if scrambled == bool((found == saved).all()):
-    sys.exit(f"safetensors {version} does something else now")
+    sys.exit(f"the behaviour of safetensors {version} has changed")
 contiguous = load(save({"x": np.ascontiguousarray(saved)}))["x"]
 assert (contiguous == saved).all()
 PY

@@ -1,5 +1,5 @@
 #![no_main]
-//! Grids as TOML: any bytes give a grid or an error.
+//! Grids in TOML: arbitrary bytes give a grid or an error.
 
 use deepct_core::io::read_grid;
 

@@ -1,5 +1,5 @@
 #![no_main]
-//! Our own HDF5 files: any bytes give clouds, volumes, masks, images or an error.
+//! HDF5 files of deepct: arbitrary bytes give clouds, volumes, masks, images or an error.
 
 use deepct_core::io;
 

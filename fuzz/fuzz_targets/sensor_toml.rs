@@ -1,5 +1,5 @@
 #![no_main]
-//! Sensors as TOML: any bytes give a sensor or an error.
+//! Sensors in TOML: arbitrary bytes give a sensor or an error.
 
 use deepct_core::sensor::Sensor;
 

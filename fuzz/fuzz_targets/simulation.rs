@@ -1,5 +1,5 @@
 #![no_main]
-//! Large-eddy simulations of others: any bytes give a cloud or an error.
+//! Output of large-eddy models: arbitrary bytes give a cloud or an error.
 
 use deepct_core::io::import::{ImportSettings, read_les};
 

@@ -1,5 +1,5 @@
 #![no_main]
-//! Clouds as text, both kinds: any bytes give a cloud or an error.
+//! Clouds in both text formats: arbitrary bytes give a cloud or an error.
 
 use deepct_core::io::import::{ImportSettings, read_text};
 

@@ -1,5 +1,5 @@
 #![no_main]
-//! Weights, safetensors with metadata: any bytes give weights or an error.
+//! Weights files (safetensors with metadata): arbitrary bytes give weights or an error.
 
 use deepct_core::io::parse_weights;
 use deepct_core::network::Network;

@@ -1,8 +1,8 @@
-//! What the fuzz targets share.
+//! Functions shared by the fuzz targets.
 
 use std::io::Write;
 
-/// Put `bytes` into a temporary file with that suffix and hand its path to `read`.
+/// Write `bytes` to a temporary file with the given suffix and call `read` with its path.
 pub fn with_file(bytes: &[u8], suffix: &str, read: impl FnOnce(&std::path::Path)) {
     let mut file = tempfile::Builder::new().suffix(suffix).tempfile().unwrap();
     file.write_all(bytes).unwrap();

@@ -1,4 +1,4 @@
-"""A small made-up dataset in the format of ``deepct dataset generate``."""
+"""A small synthetic data set in the format of ``deepct dataset generate``."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def few_threads():
 
 
 def write_dataset(folder: Path, train: int = 6, validation: int = 3) -> Path:
-    """Random blobs seen by the ten views in reverse order, among two others."""
+    """Write random blobs with the ten views in reverse order, between two other views."""
     random = np.random.default_rng(3)
     zeniths = [OTHER_ZENITHS_DEG[0], *reversed(CLOUDCT_10_DEG), OTHER_ZENITHS_DEG[1]]
     geometry = {
@@ -42,7 +42,7 @@ def write_dataset(folder: Path, train: int = 6, validation: int = 3) -> Path:
     for index in range(train + validation):
         extinction = np.zeros((LEVELS, SIZE, SIZE), np.float32)
         extinction[1:5, 2:6, 2:5] = random.uniform(5.0, 40.0, (4, 4, 3))
-        # The view shows in the radiance, so that a wrong order would be seen.
+        # The radiance depends on the view, so that a wrong order is detected.
         radiance = (
             0.01
             + 0.001 * np.arange(len(zeniths))[:, None, None]
@@ -72,7 +72,7 @@ def write_dataset(folder: Path, train: int = 6, validation: int = 3) -> Path:
 
 
 def write_sample(path: Path, extinction: np.ndarray, radiance: np.ndarray, geometry: dict) -> None:
-    """Images as `deepct` reads them, and the truth on a grid whose middle they show."""
+    """Write images that `deepct` can read, and the true extinction on a grid centred on them."""
     metadata = {**weights_metadata(len(radiance), LEVELS), "view_geometry": geometry}
     metadata["target_altitude_km"] = 0.48 + 0.5 * LEVELS * 0.04
     write_images(path, radiance, metadata)
@@ -101,10 +101,10 @@ def change_manifest(folder: Path, change) -> None:
 
 
 def seasoned_network(channels: list[int], seed: int = 0) -> Network:
-    """A network whose batch norms have the statistics of data and learned-looking factors.
+    """A network whose batch normalisation has the statistics of data and factors as after training.
 
-    Each layer passes on most of what it gets. Independent random layers would double a
-    rounding error every few layers: through 81 of them, f32 and f64 differ by half.
+    Each layer passes on most of its input. Independent random layers would double a rounding error
+    every few layers, so that float32 and float64 results differ by half after 81 layers.
     """
     torch.manual_seed(seed)
     network = Network(channels)
@@ -122,7 +122,7 @@ def seasoned_network(channels: list[int], seed: int = 0) -> Network:
 
 
 def saved(path: Path, network: Network, wrapped: bool) -> Path:
-    """A bare state dict, or one in a checkpoint as the authors write it."""
+    """Save a bare state dict, or one in a checkpoint of the form used by the authors."""
     state = network.state_dict()
     if wrapped:
         state = {"epoch": 7, "model_state_dict": state, "optimizer_state_dict": {"state": {}}}
@@ -131,7 +131,7 @@ def saved(path: Path, network: Network, wrapped: bool) -> Path:
 
 
 def weights_metadata(views: int, levels: int) -> dict:
-    """Metadata for weights that are made up."""
+    """Metadata of synthetic weights."""
     zeniths = [2.0 * view for view in range(views)]
     return {
         "formation": "made-up",
@@ -158,7 +158,8 @@ def weights_metadata(views: int, levels: int) -> dict:
 
 
 def planes_metadata(altitudes_km: list[float], levels: int) -> dict:
-    """Metadata for weights of images on planes, by cameras to all sides and one at infinity."""
+    """Metadata of weights for images on planes, with cameras at several azimuths and one at
+    infinity."""
     return {
         **weights_metadata(4, levels),
         "view_geometry": {

@@ -1,4 +1,4 @@
-"""Scores of the answers that take no learning."""
+"""Scores of the baseline estimates."""
 
 import os
 import shutil

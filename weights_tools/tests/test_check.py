@@ -1,4 +1,4 @@
-"""The same answer from PyTorch, from deepct and from ONNX Runtime."""
+"""PyTorch, deepct and ONNX Runtime give the same results."""
 
 import os
 import shutil
@@ -66,7 +66,7 @@ def test_onnx_runtime_gives_the_answer_of_deepct(tmp_path, size):
     answers = []
     for suffix in (".onnx", ".safetensors"):
         _, weights = exported(tmp_path, [4 * 4, 24, 32], metadata, suffix)
-        # The plain sum comes first of deepct's.
+        # The first engine of deepct is the direct convolution.
         answers.append(engines(weights, DEEPCT)[0].run(images, metadata_of(weights)))
     assert answers[0].shape == (32, *size)
     assert abs(answers[0] - answers[1]).max() <= SAME * answers[1].max()

@@ -1,4 +1,4 @@
-"""Reading datasets, good and bad."""
+"""Reading of valid and invalid data sets."""
 
 import pytest
 import torch
@@ -26,7 +26,7 @@ def test_the_ten_views_are_found_by_their_directions(dataset_folder):
     ]
     assert signed == list(CLOUDCT_10_DEG)
     assert data.geometry.camera_distance_km == pytest.approx([600.0 + abs(at) for at in signed])
-    # The clear pixel tells which view of the folder it is: they stand there in reverse.
+    # The clear pixel identifies the view in the folder, where the order is reversed.
     clear = data.train.radiance[0, :, 0, 0]
     assert torch.allclose(clear, 0.01 + 0.001 * torch.arange(10, 0, -1))
 
@@ -85,7 +85,7 @@ def test_a_manifest_that_is_no_json_is_refused(dataset_folder):
 
 
 def rewrite(folder, content: bytes) -> None:
-    """Put other bytes in the first sample, the manifest knowing of it."""
+    """Replace the first sample and update its checksum in the manifest."""
     import hashlib
 
     (folder / "samples/000000.nc").write_bytes(content)

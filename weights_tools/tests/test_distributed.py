@@ -1,4 +1,4 @@
-"""Two processes train as one does."""
+"""Training with two processes gives the result of one process."""
 
 import os
 import socket
@@ -16,7 +16,7 @@ from weights_tools.distributed import Processes, SharedNorm, processes
 from weights_tools.errors import InputError
 from weights_tools.training import LAST, Training
 
-# Of six samples: shares of two and one.
+# The two processes have shares of two samples and one sample of each batch.
 RECIPE = replace(RECIPE, training=replace(RECIPE.training, batch=3))
 ENDLESS = replace(RECIPE, training=replace(RECIPE.training, epochs=100_000))
 COUNT = 2
@@ -24,7 +24,7 @@ COUNT = 2
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """A dataset and the trainings on it: by one process, by two, and first by one then by two."""
+    """A data set and trainings on it: with one process, with two, and resumed by two after one."""
     folder = tmp_path_factory.mktemp("together")
     data = load_dataset(write_dataset(folder / "dataset"), "cloudct-10")
     torch.set_num_threads(1)
@@ -39,7 +39,7 @@ def folder(tmp_path_factory):
 
 
 def member(rank: int, port: int, folder: Path) -> None:
-    """What one of the processes does, told as torchrun tells it."""
+    """Run one of the processes, with the environment variables that torchrun sets."""
     told = {"RANK": rank, "LOCAL_RANK": rank, "WORLD_SIZE": COUNT, "MASTER_PORT": port}
     os.environ.update({name: str(value) for name, value in told.items()}, MASTER_ADDR="127.0.0.1")
     torch.set_num_threads(1)
@@ -73,7 +73,7 @@ def images_and_norm():
 
 
 def normed(ours: Processes) -> dict[str, torch.Tensor]:
-    """The norm of this share of some images, and the gradients of a sum over all shares."""
+    """The normalised share of some images, and the gradients of a sum over all shares."""
     images, norm = images_and_norm()
     images = images[ours.share(len(images))].requires_grad_()
     shared = SharedNorm(norm)
@@ -121,18 +121,18 @@ def test_two_processes_train_as_one_does(folder, name):
     for expected, row in zip(alone["history"], together["history"]):
         assert row["loss"] == pytest.approx(expected["loss"], rel=1e-6)
         assert row["learning_rate"] == expected["learning_rate"]
-        # What the biases below do to scores is less than Adam moves them in all.
+        # The effect of the biases mentioned below on the scores is less than their total change.
         assert row["validation_epsilon"] == pytest.approx(expected["validation_epsilon"], abs=0.01)
     for part, values in alone["model_state_dict"].items():
-        # A bias before a norm has no gradient but rounding, of which Adam makes whole steps;
-        # the norm takes it away again, and its running mean follows.
+        # The gradient of a bias before a normalisation consists of rounding errors only, which Adam
+        # scales to full steps; the normalisation removes the bias, and its running mean follows.
         if not part.endswith(("body.0.bias", "running_mean")):
             assert torch.allclose(values, together["model_state_dict"][part], atol=1e-6), part
 
 
 def test_only_the_first_process_reports(folder):
     lines = found(folder, 0)["resumed"]["lines"]
-    assert lines[0] == "going on after epoch 2" and len(lines) == 3
+    assert lines[0] == "resuming after epoch 2" and len(lines) == 3
 
 
 def test_a_time_limit_ends_all_processes_at_the_same_step(folder):

@@ -1,4 +1,4 @@
-"""Checkpoints to weights files."""
+"""Conversion of checkpoints to weights files."""
 
 import json
 import os
@@ -104,7 +104,7 @@ def test_metadata_has_to_be_complete_and_known(tmp_path, capsys):
 def test_unbiased_weights_have_the_total_of_their_validation_clouds(tmp_path, capsys):
     checkpoint = saved(tmp_path / "network.pt", seasoned_network([3, 4]), False)
     metadata = {**weights_metadata(3, 4), "scores": {"epsilon": 0.4, "delta": 0.2}}
-    # A share of 0.2 was missing: 0.8 times 1.25 is all, 0.8 times 1.125 leaves a tenth missing.
+    # 0.2 of the total was missing: 0.8 times 1.25 is 1, and 0.8 times 1.125 is 0.9.
     for share, scale, left in ((1.0, 1.25, 0.0), (0.5, 1.125, 0.1)):
         export(checkpoint, tmp_path / "w.safetensors", metadata, unbiased=share)
         with safe_open(tmp_path / "w.safetensors", "pt") as file:

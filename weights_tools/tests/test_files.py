@@ -1,4 +1,4 @@
-"""The files of deepct as others read them: xarray with both of its engines, and h5py."""
+"""The files of deepct can be read by xarray, with both of its engines, and by h5py."""
 
 import json
 import os
@@ -23,7 +23,7 @@ def deepct(folder, arguments):
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """A small cloud, its images, a mask."""
+    """A folder with a small cloud, its images and a mask."""
     folder = tmp_path_factory.mktemp("files")
     shape = "--set shape=[8,12,14] --set width_km=0.3 --set depth_km=0.16"
     deepct(folder, f"cloud generate --seed 7 {shape} --out cloud.nc")
@@ -78,7 +78,7 @@ def test_coordinates_are_voxel_centres_in_km(folder):
 
 @pytest.mark.parametrize("engine", ENGINES)
 def test_what_xarray_writes_is_read_back(folder, engine):
-    """A part of a cloud, cut with xarray and written anew, is a cloud."""
+    """A section of a cloud that xarray selects and writes is a valid cloud file."""
     with xarray.open_dataset(folder / "cloud.nc") as cloud:
         part = cloud.isel(x=slice(2, 12), z=slice(1, 8)).load()
     part.to_netcdf(folder / f"part-{engine}.nc", engine=engine)

@@ -42,7 +42,7 @@ def test_clouds_of_a_batch_are_as_each_alone(tmp_path):
 
 
 def test_places_are_exact_in_wide_images(tmp_path):
-    """Noise from pixel to pixel shows a place that is a hundred-thousandth of one off."""
+    """Images of white noise reveal a position error of a hundred-thousandth of a pixel."""
     metadata = planes_metadata([0.6, 1.12, 1.61], 2)
     checkpoint, path = exported(tmp_path, [12, 2], metadata)
     network, _ = load_network(checkpoint, metadata)

@@ -1,4 +1,4 @@
-"""Images on planes, against each voxel projected by itself."""
+"""Images resampled onto planes, compared with the projection of each voxel."""
 
 import math
 
@@ -18,7 +18,7 @@ ALTITUDES_KM = [0.6, 1.12, 1.61]
 
 
 def seen_at(metadata: dict, view: int, point: np.ndarray) -> tuple[float, float]:
-    """The row and column of a view that show a point (km from the target), by its ray."""
+    """The row and column at which a view shows a point (km from the target), from its ray."""
     geometry = metadata["view_geometry"]
     zenith = math.radians(geometry["view_zenith_deg"][view])
     azimuth = math.radians(geometry["view_azimuth_deg"][view])
@@ -32,7 +32,7 @@ def seen_at(metadata: dict, view: int, point: np.ndarray) -> tuple[float, float]
         return foot[1] / pixel + SIZE[0] / 2, foot[0] / pixel + SIZE[1] / 2
     ray = point - distance * towards
     ray *= distance / -(ray @ towards)
-    # Columns grow as much to the east as they can across the line of sight.
+    # The column axis is the projection of the east vector perpendicular to the line of sight.
     east = np.array([1.0, 0.0, 0.0]) - towards[0] * towards
     east /= np.linalg.norm(east)
     north = np.cross(towards, east)
@@ -50,8 +50,8 @@ def test_a_voxel_reads_the_pixel_that_shows_it():
     dx, dy = metadata["horizontal_spacing_km"]
     inside = 0
     for plane, view, y, x in np.ndindex(3, 4, *SIZE):
-        # The parallax is rounded to voxels: the point that is read lies on the line of sight
-        # through a voxel's middle on the plane of the target.
+        # As the parallax is rounded to voxels, the value read is that of the line of sight through
+        # the centre of a voxel on the plane of the target.
         north, east = lift.parallax[plane][view]
         place = [dx * (x + east + 0.5 - SIZE[1] / 2), dy * (y + north + 0.5 - SIZE[0] / 2), 0.0]
         expected = seen_at(metadata, view, np.array(place))
@@ -62,7 +62,7 @@ def test_a_voxel_reads_the_pixel_that_shows_it():
         climb = ALTITUDES_KM[plane] - metadata["target_altitude_km"]
         point = np.array([place[0] - dx * east, place[1] - dy * north, climb])
         there = seen_at(metadata, view, point)
-        # Half a voxel along each axis, and what the perspective bends.
+        # The tolerance is half a voxel along each axis plus the effect of the perspective.
         assert all(abs(a - b) < 0.75 for a, b in zip(there, expected))
     assert inside > 3 * 4 * SIZE[0] * SIZE[1] / 2
 

@@ -1,4 +1,4 @@
-"""Epsilon and delta against sums made by hand."""
+"""Epsilon and delta compared with sums calculated by hand."""
 
 import pytest
 import torch

@@ -1,4 +1,4 @@
-"""The layouts, names and sizes of the paper's networks."""
+"""Architectures, parameter names and sizes of the paper's networks."""
 
 import pytest
 import torch

@@ -1,4 +1,4 @@
-"""A second cloud beside a cloud: where it stands, and where its images are."""
+"""A second cloud beside a cloud: its position and that of its images."""
 
 import torch
 
@@ -8,13 +8,14 @@ from weights_tools.shift import Shifter
 
 SIZE = 24
 SKY = torch.tensor([0.02, 0.03])
-# Square to the line of sight from straight above and from 60 degrees south.
+# A view from the zenith and one from 60 degrees to the south; pixel sizes are perpendicular to the
+# line of sight.
 GEOMETRY = ViewGeometry(30.0, 45.0, (0.0, 60.0), (0.0, 180.0), (0.05, 0.025), (600.0, 1000.0))
 
 
 def cloud(y: int, x: int) -> tuple[torch.Tensor, torch.Tensor]:
-    """Four columns, and images that are bright where they are seen: a pixel of either view is
-    a voxel along y, and that of the second is half a voxel along x."""
+    """A cloud of four columns, and images that are bright where they show it. A pixel is one voxel
+    along y in both views; along x, it is half a voxel in the second view."""
     extinction = torch.zeros(3, SIZE, SIZE)
     extinction[1, y : y + 2, x : x + 2] = 5.0
     radiance = SKY[:, None, None].repeat(1, SIZE, SIZE)
@@ -38,7 +39,7 @@ def test_a_neighbour_stands_clear_and_its_images_are_where_it_stands():
             assert torch.equal(extinction[index] > 0.0, (alone > 0.0) | (added > 0.0))
             assert added.amax() <= 5.0 and (added * alone).sum() == 0.0
             bright = radiance[index] - images > 0.1
-            # Straight above, the neighbour's columns are its bright pixels.
+            # In the nadir view, the bright pixels are the columns of the neighbour.
             assert torch.equal(bright[0], added.amax(0) > 0.0)
             middle = slice(SIZE // 4, SIZE - SIZE // 4)
             columns = (added.amax((0, 1)) > 0.0)[middle].repeat_interleave(2)

@@ -1,4 +1,4 @@
-"""Muon against the singular value decomposition."""
+"""Muon compared with the singular value decomposition."""
 
 import pytest
 import torch

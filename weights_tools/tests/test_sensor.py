@@ -1,4 +1,4 @@
-"""The noise against the paper's equation for its variance."""
+"""The noise compared with the paper's equation for its variance."""
 
 import math
 
@@ -9,7 +9,8 @@ from weights_tools.sensor import Sensor
 
 
 def images(electrons: float, pixels: int = 400) -> torch.Tensor:
-    """A flat image at that charge and one bright pixel, as radiance; full well is 0.3 / sr."""
+    """The radiance of a uniform image with the given charge and one bright pixel. The full well
+    corresponds to 0.3 / sr."""
     radiance = torch.full((1, 2, pixels, pixels), electrons / 13_500 * 0.3)
     radiance[0, 1, 0, 0] = 0.3
     return radiance
@@ -24,7 +25,7 @@ def test_mean_and_variance_are_those_of_the_equation(electrons, ratio):
     sensed = sensor.sense(images(electrons), torch.Generator().manual_seed(1))
     charge = sensed[0, 0].double() / 0.3 * 13_500
     expected = sensor.variance(electrons)
-    # The standard error of a variance from n values is sqrt(2 / n) of it.
+    # The relative standard error of a variance from n values is sqrt(2 / n).
     assert charge.var().item() == pytest.approx(expected, rel=4 * math.sqrt(2 / charge.numel()))
     error = math.sqrt(expected / charge.numel())
     assert charge.mean().item() == pytest.approx(electrons, abs=4 * error)

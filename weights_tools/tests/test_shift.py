@@ -23,7 +23,7 @@ def test_fractions_of_a_pixel_move_smooth_lines():
 
 
 def test_the_image_moves_with_the_cloud():
-    """Blobs drawn where a camera sees them, before and after a shift of the cloud."""
+    """Images of a blob at its projected position, before and after a shift of the cloud."""
     zenith = 40.0
     angles = (0.0, zenith, zenith)
     geometry = ViewGeometry(30.0, 45.0, angles, (0.0, 180.0, 0.0), (0.05, 0.0625, 0.0625))
@@ -35,7 +35,7 @@ def test_the_image_moves_with_the_cloud():
         extinction[0][tuple(round(index) for index in place)] = 1.0
         images = []
         for slant, pixel in ((0.0, 0.05), (zenith, 0.0625), (-zenith, 0.0625)):
-            # Seen from the south, what is higher is farther to the north.
+            # In a view from the south, a higher point appears farther to the north.
             angle = math.radians(slant)
             row = (north_km * math.cos(angle) + up_km * math.sin(angle)) / pixel + 8
             col = east_km / pixel + 8
@@ -64,7 +64,7 @@ def test_a_camera_that_points_elsewhere_moves_its_image_alone():
     geometry = ViewGeometry(30.0, 45.0, (0.0, 30.0), (0.0, 0.0), (0.05, 0.05))
     shifter = Shifter(geometry, (0.05, 0.05, 0.04), 0, 0, 0.4)
     clouds, lines = 200, torch.arange(16.0)
-    # A ramp tells by how much it was moved, but for its ends.
+    # The values of a ramp, except at its ends, give the distance by which it was moved.
     ramps = (3.0 * lines[:, None] + 5.0 * lines).expand(clouds, 2, 16, 16)
     extinction = torch.ones(clouds, 1, 4, 4)
     moved, images = shifter.draw(extinction, ramps, torch.Generator().manual_seed(6))

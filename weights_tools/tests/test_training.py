@@ -1,4 +1,4 @@
-"""Training: it learns, goes on where it was stopped, and refuses what does not fit."""
+"""Training: learning, resuming after an interruption, and refusal of invalid input."""
 
 import csv
 from dataclasses import replace
@@ -59,7 +59,7 @@ def test_a_run_that_was_killed_ends_like_one_that_was_not(data, tmp_path):
         Training(RECIPE, data, tmp_path / "cut", CPU).run(None, kill_after(2))
     lines = []
     Training(RECIPE, data, tmp_path / "cut", CPU).run(None, lines.append)
-    assert lines[0] == "going on after epoch 2" and len(lines) == 3
+    assert lines[0] == "resuming after epoch 2" and len(lines) == 3
     for name in (LAST, BEST):
         whole, cut = (load_checkpoint(tmp_path / run / name) for run in ("whole", "cut"))
         for part, values in whole["model_state_dict"].items():
@@ -108,7 +108,7 @@ def test_minutes_end_a_training_with_its_learning_rate_gone(data, tmp_path):
 
 
 def test_patience_ends_a_training_that_gets_no_better(data, tmp_path):
-    # So fast a learner is soon worse than it was.
+    # With such a high learning rate, epsilon soon increases again.
     training = replace(RECIPE.training, epochs=200, learning_rate=0.1, patience=3)
     run = Training(replace(RECIPE, training=training), data, tmp_path, CPU)
     lines = []
@@ -116,9 +116,9 @@ def test_patience_ends_a_training_that_gets_no_better(data, tmp_path):
     epsilon = [row["validation_epsilon"] for row in run.history]
     best = 1 + epsilon.index(min(epsilon))
     assert run.epoch == best + 3 < 200
-    assert lines[-1] == f"ends with no smaller epsilon since epoch {best}"
+    assert lines[-1] == f"ended: no smaller epsilon since epoch {best}"
     assert load_checkpoint(tmp_path / BEST)["epoch"] == best
-    # The same command does not go on.
+    # The same command does not continue the training.
     again = Training(replace(RECIPE, training=training), data, tmp_path, CPU)
     assert again.ended
     again.run(None, silent)
@@ -158,7 +158,7 @@ def test_reduced_precision_is_for_training_only(data, tmp_path, precision):
     run.run(None, silent)
     estimate = run.estimate(run.validation.radiance)
     assert estimate.dtype == torch.float32
-    # bfloat16 keeps 8 bits: f32 answers are not among its values.
+    # bfloat16 has a precision of 8 bits, which float32 results exceed.
     assert not torch.equal(estimate, estimate.bfloat16().float())
 
 
@@ -197,7 +197,7 @@ def test_a_training_starts_from_a_network_of_another(data, tmp_path):
         assert torch.equal(values, first["model_state_dict"][name]), name
     with pytest.raises(Killed):
         second.run(None, kill_after(1))
-    # What it started from is told, also after it was cut off.
+    # The metadata name the origin of the start, also after an interruption.
     Training(RECIPE, data, tmp_path / "second", CPU).run(None, silent)
     last = load_checkpoint(tmp_path / "second" / LAST)
     assert last["metadata"]["configuration"]["started_from"] == first["metadata"]["training"]
@@ -210,7 +210,7 @@ def test_a_training_starts_from_a_network_of_another(data, tmp_path):
 def test_the_loss_by_hand():
     truth = torch.tensor([[1.0, 3.0], [0.0, 2.0]]).reshape(2, 2, 1, 1)
     estimate = torch.tensor([[2.0, 1.0], [0.0, 2.0]]).reshape(2, 2, 1, 1)
-    # Differences 1, -2, 0, 0: squares sum to 5 of 10, amounts to 3 of 4.
+    # The differences are 1, -2, 0, 0: squares 5 of 10, absolute values 3 of 4.
     for recipe, expected in (
         (LossRecipe(), 1.25),
         (LossRecipe(squared=0.0, squared_by_cloud=1.0), 0.25),
@@ -222,21 +222,21 @@ def test_the_loss_by_hand():
 
 def test_an_uncertainty_is_judged_by_the_error_and_leaves_it_alone():
     truth = torch.tensor([[1.0, 3.0], [0.0, 2.0]]).reshape(2, 2, 1, 1)
-    # Absolute errors 1, 2 of the first cloud and none of the second.
+    # The absolute errors are 1 and 2 for the first cloud and zero for the second.
     estimate = torch.tensor([[2.0, 1.0, 1.5, 1.0], [0.0, 2.0, 0.0, 1.0]]).reshape(2, 4, 1, 1)
     estimate.requires_grad_()
     recipe = LossRecipe(squared=0.0, squared_by_cloud=1.0, uncertainty=2.0)
     loss = loss_of(recipe, truth, estimate)
-    # Misses 0.5, -1 over 10, and 0, 1 over 4.
+    # The errors of the uncertainty are 0.5 and -1 (over 10), and 0 and 1 (over 4).
     assert loss.item() == pytest.approx(0.25 + 2.0 * 0.5 * (1.25 / 10.0 + 1.0 / 4.0))
     loss.backward()
-    # The gradient of the extinction is that of the squared error alone.
+    # The gradient with respect to the extinction is that of the squared error only.
     by_hand = 0.5 * 2.0 * torch.tensor([1.0, -2.0]) / 10.0
     assert estimate.grad[0, :2].flatten().tolist() == pytest.approx(by_hand.tolist())
 
 
 def test_a_network_learns_how_wrong_it_is(data, tmp_path):
-    """One that cannot learn the clouds, which are random, still learns how far off it is."""
+    """A network that cannot learn the random clouds still learns the size of its error."""
     training = replace(RECIPE.training, epochs=60, learning_rate=0.01, neighbours=0.0)
     network = replace(RECIPE.network, uncertainty=True)
     run = Training(replace(RECIPE, network=network, training=training), data, tmp_path, CPU)

@@ -1,4 +1,4 @@
-//! `deepct carve`: the voxels that the images allow to hold cloud.
+//! `deepct carve`: the voxels that may contain cloud according to the images.
 
 use crate::global::Global;
 use crate::outcome::Outcome;
@@ -7,19 +7,20 @@ use deepct_core::io::{Provenance, read_grid, read_observation, write_mask};
 use deepct_core::{Error, Result};
 use std::path::{Path, PathBuf};
 
-/// Carve the voxels that may hold cloud out of a grid
+/// Find the voxels of a grid that may contain cloud, by space carving
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
-    /// Images
+    /// File of images
     images: PathBuf,
-    /// Grid to carve: that of a cloud or volume, or a TOML file
+    /// Grid to carve: the file of a cloud or volume, or a TOML file (see `deepct formats`)
     #[arg(long, value_name = "C.nc|GRID.toml")]
     grid: PathBuf,
-    /// Radiance (1/sr) above which a pixel is cloudy; if not given, it is found from
-    /// the histogram of all views
+    /// Radiance (1/sr) above which a pixel is cloudy; by default it is determined from the
+    /// histogram of all views
     #[arg(long, value_name = "T", allow_negative_numbers = true)]
     threshold: Option<f32>,
-    /// Share of the views that see a voxel which must see cloud there, from 0 to 1
+    /// Fraction of the views of a voxel, from 0 to 1, that must see cloud there for the voxel to be
+    /// kept
     #[arg(long, default_value_t = CarveSettings::default().agreement, value_name = "A")]
     agreement: f64,
     /// File of the mask to write
@@ -40,7 +41,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
         agreement: args.agreement,
     };
     let provenance = Provenance {
-        title: "Voxels that may hold cloud".into(),
+        title: "Voxels that may contain cloud".into(),
         configuration: toml::to_string(&resolved).expect("plain numbers and text"),
         seed: global.seed,
     };
@@ -53,7 +54,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
     Ok(Outcome::Success)
 }
 
-/// What the output records of this run.
+/// Parameters of the run, recorded in the output file.
 #[derive(Debug, serde::Serialize)]
 struct Resolved<'a> {
     images: &'a Path,

@@ -1,4 +1,4 @@
-//! `deepct cloud`: clouds made up, or read from elsewhere.
+//! `deepct cloud`: generation and import of clouds.
 
 use crate::config;
 use crate::defaults;
@@ -14,7 +14,7 @@ use deepct_core::optics::extinction;
 use deepct_core::{Error, Result};
 use std::path::{Path, PathBuf};
 
-/// Make up a cloud, or read one from elsewhere
+/// Generate a random cloud, or import one from another file
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
     #[command(subcommand)]
@@ -27,17 +27,17 @@ enum Verb {
     Import(Box<ImportArgs>),
 }
 
-/// A random cloud from the built-in generator
+/// Generate a random cloud
 ///
 /// `deepct config cloud-cumulus` and `deepct config cloud-field` print the settings.
 #[derive(Debug, clap::Args)]
 struct GenerateArgs {
-    /// What to make: one cumulus in the middle of its grid, or a periodic field
+    /// Kind of cloud: a single cumulus in the centre of its grid, or a periodic field of cumuli
     #[arg(long, value_enum, default_value_t = Kind::Cumulus)]
     kind: Kind,
     #[command(flatten)]
     settings: config::Settings,
-    /// File to write
+    /// File of the cloud to write
     #[arg(long, value_name = "C.nc")]
     out: PathBuf,
 }
@@ -48,53 +48,55 @@ enum Kind {
     Field,
 }
 
-/// Read a large-eddy simulation (netCDF-4) or a pySHDOM or AT3D text file
+/// Import a large-eddy simulation (netCDF-4) or a pySHDOM or AT3D text file
 ///
-/// Liquid water and axes are found by CF conventions or customary names. The field is
-/// brought onto the wanted grid: conservatively onto coarser voxels, linearly onto
-/// finer ones.
+/// Liquid water and axes are identified by CF conventions or by customary names. The field is
+/// resampled onto the requested grid: conservatively onto coarser voxels, by linear interpolation
+/// onto finer ones.
 #[derive(Debug, clap::Args)]
 struct ImportArgs {
     /// File to read
     file: PathBuf,
-    /// Number of the time step, from 0
+    /// Index of the time step, counted from 0
     #[arg(long, default_value_t = 0, value_name = "I")]
     time: usize,
-    /// Columns of the file to take; wraps around its sides
+    /// Columns to read: index of the first one along x and y, and their number; the selection wraps
+    /// around the sides of the domain
     #[arg(long, value_name = "X0,Y0,NX,NY", value_parser = crop)]
     crop: Option<Crop>,
-    /// Droplets per cm3, from which radii follow; if not given, the file's radii, or 100
+    /// Droplet number concentration (1/cm3), from which effective radii are computed; by default
+    /// the radii of the file are used, or 100 if it has none
     #[arg(long, value_name = "PER_CM3")]
     droplets: Option<f64>,
-    /// Density of air (kg/m3) for a mixing ratio in a file without one
+    /// Air density (kg/m3), for a mixing ratio in a file without an air density
     #[arg(long, value_name = "KG_PER_M3")]
     air_density: Option<f64>,
-    /// Name of the liquid water variable, if it is not found by itself
+    /// Name of the liquid water variable, if it is not identified automatically
     #[arg(long, value_name = "NAME")]
     variable: Option<String>,
-    /// Voxel size along x, y, z (km), or "file" to keep the file's
+    /// Voxel size along x, y, z (km), or "file" to keep that of the file
     #[arg(long, value_name = "DX,DY,DZ", default_value = "0.05,0.05,0.04", value_parser = spacing)]
     spacing: Spacing,
-    /// Altitude of the lowest voxels' bottom (km)
+    /// Altitude of the bottom of the lowest level (km); by default that of the file
     #[arg(long, value_name = "KM")]
     base: Option<f64>,
-    /// Number of levels
+    /// Number of levels; by default all levels up to the top of the file
     #[arg(long, value_name = "N")]
     levels: Option<usize>,
-    /// Write every isolated cloud by itself, on a square of this many columns, to the
-    /// folder --out
+    /// Write every isolated cloud to a separate file in the folder --out, on a square with this
+    /// many columns along each side
     #[arg(long, value_name = "COLUMNS")]
     isolate: Option<usize>,
-    /// Leave out isolated clouds that reach less liquid water path (g/m2) than this
+    /// Omit isolated clouds whose largest liquid water path (g/m2) is less than this
     #[arg(long, value_name = "G_PER_M2", requires = "isolate",
           default_value_t = IsolateSettings::default().water_path)]
     min_water_path: f32,
-    /// File to write; with --isolate, the folder
+    /// File to write; with --isolate, the folder to write to
     #[arg(long, value_name = "C.nc|DIR")]
     out: PathBuf,
 }
 
-/// A voxel size, or the file's own.
+/// A voxel size (km), or `None` for that of the file.
 #[derive(Debug, Clone, Copy)]
 struct Spacing(Option<DVec3>);
 
@@ -117,7 +119,7 @@ fn generate(args: &GenerateArgs, global: &Global) -> Result<Outcome> {
         }
     };
     let provenance = Provenance {
-        title: "A cloud made up from a seed".into(),
+        title: "Randomly generated cloud".into(),
         configuration: configuration.expect("plain numbers and text"),
         seed: global.seed,
     };
@@ -137,7 +139,7 @@ fn import(args: &ImportArgs, global: &Global) -> Result<Outcome> {
     };
     let cloud = import_cloud(&args.file, &settings)?;
     let provenance = Provenance {
-        title: "A cloud imported from another file".into(),
+        title: "Cloud imported from another file".into(),
         configuration: toml::to_string(&Resolved::of(args, &cloud)).expect("plain numbers"),
         seed: global.seed,
     };
@@ -198,7 +200,7 @@ fn write(path: &Path, cloud: &Cloud, provenance: &Provenance, global: &Global) -
     Ok(Outcome::Success)
 }
 
-/// What the output records of this run.
+/// Parameters of the run, recorded in the output file.
 #[derive(Debug, serde::Serialize)]
 struct Resolved<'a> {
     file: &'a Path,

@@ -3,10 +3,10 @@
 use crate::{Cli, Outcome};
 use clap::CommandFactory;
 
-/// Print the completion script of a shell
+/// Print the completion script for a shell
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
-    /// The shell
+    /// Name of the shell
     shell: clap_complete::Shell,
 }
 

@@ -1,5 +1,5 @@
-//! Settings: commented defaults, a file over them, `--set key=value` over both; and
-//! `deepct config`, which prints the defaults.
+//! Settings of the verbs, and `deepct config`, which prints the defaults. A file replaces default
+//! values, and `--set key=value` replaces values of both.
 
 use crate::defaults;
 use crate::outcome::Outcome;
@@ -9,24 +9,25 @@ use serde::de::DeserializeOwned;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-/// Print the default settings of a verb, with a comment each
+/// Print the default settings of a verb, with a comment on each setting
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
-    /// The verb, for `cloud generate` the kind of cloud, or `light`
+    /// Name of the settings: a verb, a kind of cloud for `cloud generate`, or `light` for the scene
+    /// illumination
     #[arg(value_parser = defaults::ALL.map(|(verb, _)| verb))]
     verb: String,
 }
 
-/// Values by their key, with dots between the levels of a table.
+/// Values by key; dots separate the levels of nested tables.
 pub(crate) type Values = BTreeMap<String, toml::Value>;
 
-/// The flags of a verb that has settings.
+/// Options of a verb that has settings.
 #[derive(Debug, Clone, clap::Args)]
 pub(crate) struct Settings {
-    /// File of settings (TOML) that replace the defaults
+    /// File of settings (TOML) that replace the default values
     #[arg(long, value_name = "FILE.toml")]
     config: Option<PathBuf>,
-    /// Replace one setting; see `deepct config VERB` for the keys
+    /// Replace one setting; `deepct config` prints the keys
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
 }
@@ -39,23 +40,27 @@ pub(crate) fn run(args: &Args) -> Result<Outcome> {
 }
 
 impl Settings {
-    /// From a file and single values that were not given as flags of this name.
+    /// Settings from a file and single values that are not given by the options `--config` and
+    /// `--set` of this type.
     pub(crate) fn new(config: Option<PathBuf>, set: Vec<String>) -> Self {
         Self { config, set }
     }
 
-    /// The settings that result from `defaults`, the file and the single values.
+    /// The settings that result from `defaults`, the file and the single values, in this order of
+    /// increasing precedence.
     ///
     /// # Errors
-    /// A file that cannot be read or parsed, an unknown key, a value of a wrong type.
+    /// Returns an error if the file cannot be read or parsed, if a key is unknown or if a value has
+    /// the wrong type.
     pub(crate) fn resolve<T: DeserializeOwned>(&self, defaults: &str) -> Result<T> {
         self.resolved(defaults, self.given()?)
     }
 
-    /// The same, and apart from it those of the given settings that describe the light.
+    /// Like [`Settings::resolve`], but returns the given values of the scene illumination
+    /// separately.
     ///
     /// # Errors
-    /// As [`Settings::resolve`].
+    /// Returns the errors of [`Settings::resolve`].
     pub(crate) fn resolve_with_light<T: DeserializeOwned>(
         &self,
         defaults: &str,
@@ -64,7 +69,7 @@ impl Settings {
         Ok((self.resolved(defaults, own)?, flattened(light)))
     }
 
-    /// What the file and the single values say.
+    /// The values of the file, replaced by the single values.
     fn given(&self) -> Result<toml::Table> {
         let mut table = toml::Table::new();
         if let Some(path) = &self.config {
@@ -86,7 +91,7 @@ impl Settings {
     }
 }
 
-/// The table in a TOML file of settings of a verb.
+/// Reads the TOML file of settings of a verb.
 pub(crate) fn read_table(path: &Path, verb: &str) -> Result<toml::Table> {
     let text = std::fs::read_to_string(path).map_err(|problem| {
         let remedy = format!("name a TOML file; `deepct config {verb}` prints the settings");
@@ -95,12 +100,12 @@ pub(crate) fn read_table(path: &Path, verb: &str) -> Result<toml::Table> {
     text.parse().map_err(|problem| invalid(path, &problem, verb))
 }
 
-/// Whether a top-level key belongs to the light.
+/// Whether a top-level key belongs to the scene illumination.
 fn is_light(key: &str) -> bool {
     Light::keys().iter().any(|known| known.split('.').next() == Some(key))
 }
 
-/// The values of a table and of those in it, by keys with dots; whole numbers as real ones.
+/// The values of nested tables by dotted keys; integers are converted to floating-point numbers.
 pub(crate) fn flattened(table: toml::Table) -> Values {
     let mut values = Values::new();
     for (key, value) in table {
@@ -119,8 +124,8 @@ pub(crate) fn flattened(table: toml::Table) -> Values {
     values
 }
 
-/// The table of one `key=value`, where the key may be dotted; a value that is not
-/// TOML is taken as a string.
+/// Parses one `key=value` into a table. The key may be dotted; a value that is not valid TOML is
+/// taken as a string.
 pub(crate) fn single(setting: &str) -> Result<toml::Table> {
     let Some((key, value)) = setting.split_once('=') else {
         return Err(Error::out_of_range("--set", setting, "of the form key=value"));
@@ -131,7 +136,7 @@ pub(crate) fn single(setting: &str) -> Result<toml::Table> {
         .map_err(|_| Error::out_of_range("--set", setting, "a valid key and value of TOML"))
 }
 
-/// Put the keys of `over` into `table`, tables key by key.
+/// Inserts the keys of `over` into `table`, and merges nested tables key by key.
 fn overlay(table: &mut toml::Table, over: toml::Table) {
     for (key, value) in over {
         match (table.get_mut(&key), value) {

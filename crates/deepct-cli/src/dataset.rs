@@ -1,4 +1,4 @@
-//! `deepct dataset`: samples for training.
+//! `deepct dataset`: data sets for training.
 
 use crate::config::Settings;
 use crate::defaults;
@@ -12,7 +12,7 @@ use std::path::PathBuf;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
 
-/// Make samples for training, or check those that are there
+/// Generate a data set for training, or check an existing one
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
     #[command(subcommand)]
@@ -21,14 +21,14 @@ pub(crate) struct Args {
 
 #[derive(Debug, Subcommand)]
 enum Action {
-    /// Choose the samples, write which they are (plan.json), print how many of each split
+    /// Select the samples, write the selection to plan.json and print the number per split
     Plan(Order),
-    /// Make the samples that are not there yet; stop and start it as you like
+    /// Generate the samples that do not exist yet; can be interrupted and restarted at any time
     Generate {
         #[command(flatten)]
         order: Order,
-        /// Make one of several shares only, such as 3/8, each in a process of its own; a call
-        /// without this finds their samples and writes the manifest
+        /// Generate one of several shares only, such as 3/8, each in a separate process; a final
+        /// call without this option collects their samples and writes the manifest
         #[arg(long, value_name = "NUMBER/OF")]
         share: Option<Share>,
     },
@@ -39,13 +39,13 @@ enum Action {
     },
 }
 
-/// Which data set, out of what, and where.
+/// Settings, input folder and output folder of a data set.
 #[derive(Debug, clap::Args)]
 struct Order {
-    /// Settings of the data set (TOML); `deepct config dataset` prints them all
+    /// Settings of the data set (TOML); `deepct config dataset` prints all keys
     #[arg(value_name = "CONFIG.toml")]
     config: PathBuf,
-    /// Folder with the simulations that the settings name
+    /// Folder of the simulations that are listed in the settings
     #[arg(long, value_name = "DIR", default_value = ".")]
     simulations: PathBuf,
     /// Replace one setting
@@ -80,7 +80,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
             let progress = Progress::start(global, "samples", samples);
             let manifest = dataset::check(folder, &|done| progress.advance(done))?;
             drop(progress);
-            println!("{} samples, all as the manifest says", manifest.samples.len());
+            println!("{} samples, all consistent with the manifest", manifest.samples.len());
         }
     }
     Ok(Outcome::Success)

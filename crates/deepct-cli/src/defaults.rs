@@ -1,21 +1,21 @@
-//! The commented default settings of the verbs (TOML), as `deepct config` prints them.
+//! Default settings of the verbs (TOML with comments), as printed by `deepct config`.
 
-/// Of `cloud generate cumulus`.
+/// Settings of `cloud generate --kind cumulus`.
 pub(crate) const CUMULUS: &str = include_str!("defaults/cloud-cumulus.toml");
-/// Of `cloud generate field`.
+/// Settings of `cloud generate --kind field`.
 pub(crate) const FIELD: &str = include_str!("defaults/cloud-field.toml");
-/// Of `render`, and of every verb that takes `--light`.
+/// Scene illumination, for `render` and all verbs with the option `--light`.
 pub(crate) const LIGHT: &str = include_str!("defaults/light.toml");
-/// Of `infer`.
+/// Settings of `infer`.
 pub(crate) const INFER: &str = include_str!("defaults/infer.toml");
-/// Of `invert` and `hybrid`.
+/// Settings of `invert` and `hybrid`.
 pub(crate) const INVERT: &str = include_str!("defaults/invert.toml");
-/// Of `dataset`.
+/// Settings of `dataset`.
 pub(crate) const DATASET: &str = include_str!("defaults/dataset.toml");
-/// Of `experiment`.
+/// Settings of `experiment`.
 pub(crate) const EXPERIMENT: &str = include_str!("defaults/experiment.toml");
 
-/// All of them by name.
+/// All settings by name.
 pub(crate) const ALL: [(&str, &str); 8] = [
     ("cloud-cumulus", CUMULUS),
     ("cloud-field", FIELD),

@@ -1,8 +1,8 @@
-//! `deepct demo`: the main job with nothing else given.
+//! `deepct demo`: the whole processing chain without any input.
 //!
-//! A cloud of the built-in generator, in air above the sea, seen by the ten views of
-//! `cloudct-10` through the noise of a real sensor, carved, reconstructed by the built-in
-//! network, scored and drawn.
+//! Generates a cloud, places it in a molecular atmosphere above an ocean surface, renders the ten
+//! views of `cloudct-10`, adds the noise of a real sensor, carves a mask, reconstructs the
+//! extinction with the built-in network, and scores and plots the result.
 
 use crate::global::Global;
 use crate::outcome::Outcome;
@@ -22,13 +22,13 @@ use deepct_core::{Error, Result};
 use std::path::PathBuf;
 use std::time::Instant;
 
-/// The formation, and the name of the weights for it.
+/// Name of the formation and of the built-in weights for it.
 const FORMATION: &str = "cloudct-10";
 
-/// Reconstruct a built-in cloud from ten noisy views: everything once, in seconds
+/// Run the whole chain in seconds: reconstruct a generated cloud from ten noisy views
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
-    /// Folder for the files and pictures
+    /// Folder for the output files and figures
     #[arg(long, value_name = "DIR", default_value = "deepct-demo")]
     out: PathBuf,
 }
@@ -57,11 +57,11 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let results = Results { cloud, truth, images, noisy, mask: carved.mask, estimate };
     stages.time("draw", || results.write(args, global.seed))?;
     results.print_scores(&bare)?;
-    println!("files and pictures: {}", args.out.display());
+    println!("files and figures: {}", args.out.display());
     Ok(Outcome::Success)
 }
 
-/// The images of the cloud without a sensor's noise.
+/// Renders the images of the cloud, without sensor noise.
 fn photograph(scene: &Scene, light: Light, global: &Global) -> Result<Observation> {
     let grid = &scene.medium.extinction.grid;
     let [_, rows, cols] = grid.shape;
@@ -72,7 +72,7 @@ fn photograph(scene: &Scene, light: Light, global: &Global) -> Result<Observatio
     Observation::new(light, views, images)
 }
 
-/// Says how long each stage takes.
+/// Reports the run time of each stage.
 struct Stages {
     quiet: bool,
 }
@@ -88,7 +88,7 @@ impl Stages {
     }
 }
 
-/// What the demo made, from the truth to its reconstruction.
+/// Results of the demo, from the true cloud to its reconstruction.
 struct Results {
     cloud: Cloud,
     truth: Volume,
@@ -106,14 +106,14 @@ impl Results {
             configuration: format!("formation = \"{FORMATION}\"\n"),
             seed,
         };
-        io::write_cloud(at("cloud.nc"), &self.cloud, &provenance("A generated cumulus"))?;
-        io::write_observation(at("images.nc"), &self.images, &provenance("Its images"))?;
-        io::write_observation(at("noisy.nc"), &self.noisy, &provenance("Its noisy images"))?;
-        io::write_mask(at("mask.nc"), &self.mask, &provenance("Where it can be"))?;
-        io::write_volume(at("estimate.nc"), &self.estimate, &provenance("Its reconstruction"))?;
-        let title = "What ten satellites see";
+        io::write_cloud(at("cloud.nc"), &self.cloud, &provenance("Generated cumulus"))?;
+        io::write_observation(at("images.nc"), &self.images, &provenance("Images without noise"))?;
+        io::write_observation(at("noisy.nc"), &self.noisy, &provenance("Images with noise"))?;
+        io::write_mask(at("mask.nc"), &self.mask, &provenance("Space-carving mask"))?;
+        io::write_volume(at("estimate.nc"), &self.estimate, &provenance("Network estimate"))?;
+        let title = "Images of the ten views";
         contact_sheet(at("images.png"), &self.noisy.images, &labels(&self.noisy), title)?;
-        let title = "A cumulus from ten noisy views";
+        let title = "Cumulus reconstructed from ten noisy views";
         volume_figure(at("cloud.png"), &self.estimate, Some(&self.truth), title)
     }
 

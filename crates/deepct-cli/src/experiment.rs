@@ -1,4 +1,4 @@
-//! `deepct experiment`: four ways over a set of clouds, and the report.
+//! `deepct experiment`: comparison of the four methods over a set of clouds, with a report.
 
 use crate::config::Settings;
 use crate::defaults;
@@ -11,17 +11,17 @@ use deepct_core::{Error, Result};
 use std::cell::RefCell;
 use std::path::PathBuf;
 
-/// Compare network, physics, hybrid and quick hybrid over a set of clouds; stop and start
-/// it as you like
+/// Compare network, inversion, hybrid and quick hybrid over a set of clouds and write a report;
+/// the run can be interrupted and restarted at any time
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
-    /// Settings (TOML); `deepct config experiment` prints them all
+    /// Settings of the experiment (TOML); `deepct config experiment` prints all keys
     #[arg(value_name = "CONFIG.toml")]
     config: PathBuf,
     /// Replace one setting
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
-    /// Folder of the results and of the report
+    /// Folder for the results and the report
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
 }
@@ -34,7 +34,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let Experiment { outcomes, made, interrupted } = experiment::run(&settings, &args.out, &watch)?;
     drop(watch);
     if interrupted {
-        eprintln!("deepct: stopped early; the same command goes on");
+        eprintln!("deepct: stopped early; repeat the command to continue");
     } else if !global.quiet {
         println!("{} results, {made} of them made now", outcomes.len());
         println!("report: {}", args.out.join("report.md").display());
@@ -42,7 +42,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
     Ok(Outcome::Success)
 }
 
-/// Says which cloud is taken which way, and shows its inversion.
+/// Reports the current cloud and method, and the progress of the inversion.
 struct ExperimentProgress<'a> {
     global: &'a Global,
     settings: &'a ExperimentSettings,

@@ -1,4 +1,4 @@
-//! `deepct formats`: what can be read and written.
+//! `deepct formats`: the supported file formats.
 
 use crate::outcome::Outcome;
 
@@ -7,28 +7,29 @@ use crate::outcome::Outcome;
 pub(crate) struct Args {}
 
 const FORMATS: &str = "\
-Read and written (HDF5 that is also netCDF-4 with CF attributes)
+Read and written (HDF5 files that are valid netCDF-4, with CF attributes)
   cloud    lwc (g m-3), reff (um), veff and/or extinction (km-1) on (z, y, x)
   volume   extinction (km-1) on (z, y, x)
   mask     mask, 1 inside and 0 outside, on (z, y, x)
   images   radiance (sr-1) on (view, row, col), with cameras, Sun and wavelength
 
 Read by `cloud import`
-  simulation   netCDF-4 or HDF5 by CF conventions: liquid water on (time, z, y, x) in
-               any order, as g m-3, kg m-3 or a mixing ratio with the density of air;
-               packed, big-endian, chunked, stretched levels, lengths in km or m; droplet
-               spectra of WRF's bin microphysics (ff1i01, ff1i02, ...)
+  simulation   netCDF-4 or HDF5 with CF conventions: liquid water on (time, z, y, x) in
+               any order, in g m-3, kg m-3 or as a mixing ratio with the density of air,
+               or droplet spectra of WRF's bin microphysics (ff1i01, ff1i02, ...);
+               variables may be packed, big-endian or chunked, levels may be stretched,
+               lengths may be in km or m
   pySHDOM      text: a comment; nx ny nz; dx dy z0 z1 ...; rows i j k lwc reff [veff]
   AT3D         text: a comment; nx,ny,nz; dx,dy; z0,z1,...; i,j,k,lwc,reff[,veff]; rows
 
-Read elsewhere
+Read by other verbs
   grid      TOML: origin_km, spacing_km (x, y, z), shape (nz, ny, nx); or any field above
   weights   safetensors with metadata; see `weights inspect`
   settings  TOML; see `config VERB`
 
 Written
-  OpenEXR   images, one layer a view (render --exr I.exr)
-  PNG       pictures (plot)
+  OpenEXR   images, one layer per view (render --exr I.exr)
+  PNG       figures (plot, render --png I.png)
 ";
 
 pub(crate) fn run(_args: &Args) -> deepct_core::Result<Outcome> {

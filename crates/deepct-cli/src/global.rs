@@ -1,30 +1,30 @@
-//! The flags that every verb has.
+//! The options that all verbs have in common.
 
 use deepct_core::{Error, Result};
 
-/// More threads than any processor has; a number beyond is a slip of the keyboard.
+/// Upper limit of `--threads`, above the thread count of any processor, to catch typing errors.
 const MOST_THREADS: usize = 1024;
 
-/// Flags of every verb.
+/// Options of every verb.
 #[derive(Debug, Clone, clap::Args)]
 #[command(next_help_heading = "Options of every verb")]
 pub(crate) struct Global {
-    /// Threads to use; 0 takes one per processor
+    /// Number of threads; 0 uses one per processor
     #[arg(long, global = true, default_value_t = 0, value_name = "N")]
     pub(crate) threads: usize,
-    /// Seed of every random number of this run
+    /// Seed of all random numbers of this run
     #[arg(long, global = true, default_value_t = 1, value_name = "N")]
     pub(crate) seed: u64,
     /// Print errors only
     #[arg(short, long, global = true)]
     pub(crate) quiet: bool,
-    /// Print more; may be repeated
+    /// Print more detail; may be repeated
     #[arg(short, long, global = true, action = clap::ArgAction::Count)]
     pub(crate) verbose: u8,
 }
 
 impl Global {
-    /// Start the pool of threads that all parallel work runs on.
+    /// Starts the global thread pool that runs all parallel work.
     pub(crate) fn start_threads(&self) -> Result<()> {
         if self.threads > MOST_THREADS {
             let range = format!("at most {MOST_THREADS}");

@@ -1,4 +1,4 @@
-//! `deepct hybrid`: the network, then physics from its answer.
+//! `deepct hybrid`: inversion that starts from the estimate of the network.
 
 use crate::global::Global;
 use crate::inversion::{Flags, Job};
@@ -9,17 +9,22 @@ use deepct_core::network::Network;
 use deepct_core::{Error, Result};
 use std::path::PathBuf;
 
-/// Reconstruct the extinction of a cloud with the network, then by physics from its answer
+/// Reconstruct the extinction of a cloud by an inversion that starts from the network estimate
 ///
-/// `deepct config invert` prints the settings.
+/// The scene illumination (Sun, wavelength, droplet optics, molecular atmosphere, surface) is read
+/// from the file of the images. Options may replace its values; the defaults listed below apply
+/// only to values that the file lacks. Every replaced or assumed value is reported.
+///
+/// `deepct config invert` prints the settings of the solver, the optimiser and its stopping
+/// criteria.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
-    /// Images
+    /// File of images
     images: PathBuf,
-    /// Weights: a file, or the name of built-in ones (cloudct-10, pearls-32)
+    /// Network weights: a file, or the name of built-in weights (cloudct-10, pearls-32)
     #[arg(long, value_name = "FILE|NAME")]
     weights: PathBuf,
-    /// Take 12 steps only, corrected once by the accurate solver
+    /// Run the quick hybrid: 12 steps with one correction by the accurate solver
     #[arg(long, conflicts_with = "iterations")]
     quick: bool,
     #[command(flatten)]

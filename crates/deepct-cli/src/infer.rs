@@ -1,4 +1,4 @@
-//! `deepct infer`: the extinction of a cloud from its images, by the network.
+//! `deepct infer`: extinction of a cloud from its images, by the network.
 
 use crate::config;
 use crate::defaults;
@@ -16,15 +16,15 @@ use std::path::{Path, PathBuf};
 /// Reconstruct the extinction of a cloud with the network
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
-    /// Images
+    /// File of images
     images: PathBuf,
-    /// Weights: a file, or the name of built-in ones (cloudct-10, pearls-32)
+    /// Network weights: a file, or the name of built-in weights (cloudct-10, pearls-32)
     #[arg(long, value_name = "FILE|NAME")]
     weights: PathBuf,
-    /// Set the extinction to zero outside of this mask
+    /// Set the extinction to zero outside this mask
     #[arg(long, value_name = "M.nc", conflicts_with = "carve")]
     mask: Option<PathBuf>,
-    /// Set the extinction to zero outside of the mask that `deepct carve` finds
+    /// Set the extinction to zero outside the mask that `deepct carve` finds
     #[arg(long)]
     carve: bool,
     /// File of the extinction to write
@@ -111,8 +111,8 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
         }
         if let Some(Rounding { largest, root_mean_square }) = rounding {
             println!(
-                "bfloat16 differs from single precision by {:.2} % of the largest value at most, \
-                 {:.2} % of the root mean square",
+                "bfloat16 differs from single precision by at most {:.2} % of the largest value \
+                 and by {:.2} % in the root mean square",
                 100.0 * largest,
                 100.0 * root_mean_square
             );
@@ -121,12 +121,12 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
     Ok(Outcome::Success)
 }
 
-/// What rounding did to a volume.
+/// Differences between a volume computed with rounded factors and one in single precision.
 #[derive(Debug, Clone, Copy)]
 struct Rounding {
-    /// Largest difference over the largest value.
+    /// Largest difference divided by the largest value.
     largest: f64,
-    /// Root mean square of the difference over that of the values.
+    /// Root mean square of the difference divided by that of the values.
     root_mean_square: f64,
 }
 
@@ -146,7 +146,7 @@ fn infer(network: &Network, observation: &Observation) -> Result<Estimate> {
     network.estimate(&observation.images, &observation.imaging_geometry()?)
 }
 
-/// The mask that was asked for, on the volume's grid.
+/// The requested mask, on the grid of the volume.
 fn find_mask(args: &Args, observation: &Observation, volume: &Volume) -> Result<Option<Mask>> {
     if args.carve {
         let carved = carve(observation, &volume.grid, &CarveSettings::default());
@@ -155,7 +155,7 @@ fn find_mask(args: &Args, observation: &Observation, volume: &Volume) -> Result<
     let Some(path) = &args.mask else { return Ok(None) };
     let mask = read_mask(path)?;
     if !mask.grid.matches(&volume.grid) {
-        let remedy = "carve a mask on the grid of the network's answer, or use --carve";
+        let remedy = "carve a mask on the grid of the network's estimate, or use --carve";
         let what = format!("{}: grid of the mask", path.display());
         let text = |grid: &deepct_core::grid::Grid| {
             format!("{:?} voxels of {} km from {} km", grid.shape, grid.spacing, grid.origin)
@@ -165,7 +165,7 @@ fn find_mask(args: &Args, observation: &Observation, volume: &Volume) -> Result<
     Ok(Some(mask))
 }
 
-/// What the output records of this run.
+/// Parameters of the run, recorded in the output file.
 #[derive(Debug, serde::Serialize)]
 struct Resolved<'a> {
     images: &'a Path,

@@ -1,4 +1,4 @@
-//! What `deepct invert` and `deepct hybrid` have in common.
+//! Code shared by `deepct invert` and `deepct hybrid`.
 
 use crate::config::{self, Values};
 use crate::defaults;
@@ -17,24 +17,23 @@ use deepct_core::{Error, Result};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
-/// The flags of both verbs.
+/// Options of both verbs.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Flags {
-    /// Look for cloud inside this mask; if not given, inside the one that `deepct carve`
-    /// finds
+    /// Restrict the cloud to this mask; by default to the mask that `deepct carve` finds
     #[arg(long, value_name = "M.nc")]
     mask: Option<PathBuf>,
-    /// The most steps of the optimiser, in place of the number in the settings
+    /// Maximum number of optimiser steps, which replaces the setting inversion.iterations
     #[arg(long, value_name = "K")]
     iterations: Option<usize>,
-    /// The true cloud: tell after each step how far it is
+    /// File of the true cloud; the errors with respect to it are reported after each step
     #[arg(long, value_name = "C.nc")]
     truth: Option<PathBuf>,
-    /// Go on where a run that was stopped left off
+    /// Continue an interrupted run from its checkpoint
     #[arg(long)]
     resume: bool,
-    /// File of the extinction to write; what is needed to go on stands beside it, with the
-    /// ending .checkpoint, until the run is complete
+    /// File of the extinction to write; until the run is complete, a checkpoint file with the
+    /// additional ending .checkpoint is kept beside it
     #[arg(long, value_name = "V.nc")]
     out: PathBuf,
     #[command(flatten)]
@@ -44,8 +43,8 @@ pub(crate) struct Flags {
 }
 
 impl Flags {
-    /// The settings of the run, and the values of the light that were given in place of those of the
-    /// images' file.
+    /// The settings of the run, and the values of the scene illumination that replace those in the
+    /// file of the images.
     pub(crate) fn resolve(&self) -> Result<(InvertSettings, Values)> {
         let (settings, mut values): (InvertSettings, Values) =
             self.settings.resolve_with_light(defaults::INVERT)?;
@@ -87,27 +86,27 @@ impl SolverSettings {
     }
 }
 
-/// An inversion that is ready to be run.
+/// An inversion and its inputs, ready to run.
 pub(crate) struct Job<'a> {
-    /// Name on the progress bar.
+    /// Name shown in the progress report.
     pub(crate) what: &'static str,
-    /// File of the images.
+    /// Path of the images.
     pub(crate) images: &'a Path,
     pub(crate) flags: &'a Flags,
-    /// Whether the steps are those of the quick hybrid.
+    /// Whether to use the looser solver settings of the quick hybrid for the steps.
     pub(crate) quick: bool,
     pub(crate) settings: InvertSettings,
     pub(crate) observation: Observation,
-    /// The light of the images.
+    /// Illumination of the scene.
     pub(crate) light: Light,
-    /// Where the cloud is sought.
+    /// Grid of the estimate.
     pub(crate) grid: Grid,
     pub(crate) start: Start,
-    /// The start in words.
+    /// The start as given on the command line.
     pub(crate) init: String,
 }
 
-/// What the output records of this run.
+/// Parameters of the run, recorded in the output file.
 #[derive(Debug, Serialize)]
 struct Resolved<'a> {
     images: &'a Path,
@@ -119,7 +118,7 @@ struct Resolved<'a> {
 }
 
 impl Job<'_> {
-    /// Invert, write the file, and say what came out.
+    /// Runs the inversion, writes the output file and prints a summary.
     pub(crate) fn run(mut self, global: &Global) -> Result<()> {
         let flags = self.flags;
         self.settings.inversion.iterations =
@@ -140,7 +139,7 @@ impl Job<'_> {
         };
         write_reconstruction(&flags.out, &reconstruction, &mask, &self.light, &provenance)?;
         if reconstruction.ending == Ending::Interrupted {
-            eprintln!("deepct: stopped early; the same command with --resume goes on");
+            eprintln!("deepct: stopped early; repeat the command with --resume to continue");
         } else if checkpoint.exists() {
             std::fs::remove_file(&checkpoint).map_err(Error::io(&checkpoint))?;
         }
@@ -184,7 +183,7 @@ impl Job<'_> {
         Ok(if self.quick { models.quick() } else { models })
     }
 
-    /// The mask that was given, or else is carved, on the grid of the answer.
+    /// The given mask, or else a carved one, on the grid of the estimate.
     fn mask(&self) -> Result<Mask> {
         let Some(path) = &self.flags.mask else {
             let carved = carve(&self.observation, &self.grid, &self.settings.carve);
@@ -201,7 +200,7 @@ impl Job<'_> {
             format!("{}: grid of the mask", path.display()),
             text(&self.grid),
             text(&mask.grid),
-            "carve a mask on the grid of the answer, or leave out --mask",
+            "carve a mask on the grid of the estimate, or omit --mask",
         ))
     }
 
@@ -216,7 +215,8 @@ impl Job<'_> {
         toml::to_string(&resolved).expect("plain numbers and text")
     }
 
-    /// What the inversion is of: the same but for when it ends.
+    /// Text that identifies the inversion in a checkpoint: all parameters except the stopping
+    /// criteria.
     fn identity(&self) -> String {
         let mut settings = self.settings.clone();
         settings.inversion.iterations = 0;
@@ -226,7 +226,7 @@ impl Job<'_> {
     }
 }
 
-/// The name of the checkpoint of an output.
+/// The path of the checkpoint file of an output file.
 fn beside(out: &Path) -> PathBuf {
     let mut name = out.as_os_str().to_owned();
     name.push(".checkpoint");

@@ -1,4 +1,4 @@
-//! `deepct invert`: the extinction of a cloud from its images, by physics.
+//! `deepct invert`: extinction of a cloud from its images, by inversion of the radiative transfer.
 
 use crate::global::Global;
 use crate::inversion::{Flags, Job};
@@ -9,20 +9,23 @@ use deepct_core::io::{read_estimate, read_grid, read_observation};
 use deepct_core::{Error, Result};
 use std::path::PathBuf;
 
-/// Reconstruct the extinction of a cloud whose computed images are those given
+/// Reconstruct the extinction of a cloud by inversion: fit simulated images to the given ones
 ///
-/// The light is that of the images' file; what a flag states in its place, and what has to be assumed,
-/// is printed. `deepct config invert` prints the settings: the solver, the optimiser and when it
-/// stops.
+/// The scene illumination (Sun, wavelength, droplet optics, molecular atmosphere, surface) is read
+/// from the file of the images. Options may replace its values; the defaults listed below apply
+/// only to values that the file lacks. Every replaced or assumed value is reported.
+///
+/// `deepct config invert` prints the settings of the solver, the optimiser and its stopping
+/// criteria.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
-    /// Images
+    /// File of images
     images: PathBuf,
-    /// Grid of the answer: that of a cloud or volume, or a TOML file
+    /// Grid of the estimate: the file of a cloud or volume, or a TOML file (see `deepct formats`)
     #[arg(long, value_name = "C.nc|GRID.toml")]
     grid: PathBuf,
-    /// Start: an extinction (1/km) for the whole mask, `auto` for the one that fits the
-    /// images best, or a file
+    /// Start: an extinction (1/km) for the whole mask, `auto` for the uniform extinction that fits
+    /// the images best, or a file of an extinction
     #[arg(
         long,
         default_value = "0.01",

@@ -1,18 +1,20 @@
-//! The light on the command line: described in `render`, read from the images' file everywhere else.
+//! Scene illumination on the command line: options describe it for `render`; the other verbs read
+//! it from the file of the images.
 
 use crate::config::{Values, flattened, read_table, single};
 use deepct_core::scene::{Light, Observation};
 use deepct_core::{Error, Result};
 use std::path::{Path, PathBuf};
 
-/// Effective radius (um) that is assumed where Mie theory needs one and nobody states it.
+/// Effective radius (um) that is assumed if Mie theory requires one and none is given.
 const ASSUMED_RADIUS: f64 = 10.0;
 
-/// Flags that describe the light.
+/// Options that describe the scene illumination.
 #[derive(Debug, Clone, clap::Args)]
-#[command(next_help_heading = "Light")]
+#[command(next_help_heading = "Scene illumination")]
 pub(crate) struct LightFlags {
-    /// File that describes the light (TOML); `deepct config light` prints every key
+    /// File (TOML) that describes the scene illumination: Sun, wavelength, droplet optics,
+    /// molecular atmosphere and surface; `deepct config light` prints every key
     #[arg(long, value_name = "FILE.toml")]
     light: Option<PathBuf>,
     /// Angle between the zenith and the Sun (degrees) [default: 30]
@@ -28,26 +30,26 @@ pub(crate) struct LightFlags {
     /// Lambertian albedo of the surface [default: 0.05]
     #[arg(long, value_name = "A", allow_negative_numbers = true)]
     surface_albedo: Option<f64>,
-    /// Wind speed over the sea (m/s), whose waves reflect sunlight
+    /// Wind speed over the ocean surface (m/s), whose waves reflect sunlight [default: no waves]
     #[arg(long, value_name = "M/S", allow_negative_numbers = true)]
     wind_speed: Option<f64>,
-    /// Add the molecular (Rayleigh) atmosphere
+    /// Include the molecular atmosphere (Rayleigh scattering) [default: false]
     #[arg(long, value_name = "true|false", num_args = 0..=1, require_equals = true, default_missing_value = "true")]
     air: Option<bool>,
-    /// Repeat the grid without end beyond its horizontal sides
+    /// Repeat the grid periodically beyond its horizontal sides [default: false]
     #[arg(long, value_name = "true|false", num_args = 0..=1, require_equals = true, default_missing_value = "true")]
     periodic: Option<bool>,
     /// Phase function of the droplets: hg (Henyey and Greenstein), mie or isotropic [default: hg]
     #[arg(long, value_name = "NAME")]
     phase: Option<String>,
-    /// Effective radius (um) of all droplets, for Mie theory
+    /// Effective radius (um) of all droplets, for Mie theory and a cloud given by its extinction
     #[arg(long, value_name = "UM", allow_negative_numbers = true)]
     effective_radius: Option<f64>,
 }
 
 impl LightFlags {
-    /// The values that were given: those of the file, over them those of `--set`, over them those of
-    /// the flags.
+    /// The given values. Those of `--set` replace those of the file, and those of single options
+    /// replace both.
     pub(crate) fn values(&self, set: &[String]) -> Result<Values> {
         let mut values = Values::new();
         if let Some(path) = &self.light {
@@ -74,14 +76,14 @@ impl LightFlags {
         Ok(values)
     }
 
-    /// The light that the flags describe.
+    /// The scene illumination that the options describe.
     pub(crate) fn describe(&self, set: &[String]) -> Result<Light> {
         Light::default().with_values(&self.values(set)?)
     }
 }
 
-/// The light of images: as their file states it, with the values that were given in its place. Prints
-/// a warning for each contradiction, and what has to be assumed.
+/// The scene illumination of images, as stored in their file, with given values in place of the
+/// stored ones. Prints a warning for each contradiction, and lists the values that are assumed.
 pub(crate) fn light_of(
     observation: &Observation,
     path: &Path,
@@ -113,7 +115,8 @@ pub(crate) fn light_of(
     }
     if !missing.is_empty() && !quiet {
         eprintln!(
-            "deepct: {} does not state all of its light; assumed: {} (--light FILE.toml states it)",
+            "deepct: {} does not specify the whole scene illumination; assumed: {} \
+             (set it with --light)",
             path.display(),
             missing.join(", ")
         );

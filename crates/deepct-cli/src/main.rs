@@ -1,7 +1,8 @@
-//! The command line of deepct: one verb a stage, one file a verb.
+//! Command-line interface of deepct. Each stage of the processing is one verb, and each verb is
+//! implemented in one file.
 //!
-//! Exit status: 0 on success, 1 when a check that was asked for did not hold, 2 on an
-//! error, with one message that names what is at fault and the remedy.
+//! Exit status: 0 on success, 1 if a requested check failed, 2 on an error. An error prints one
+//! message that states the cause and the remedy.
 
 mod carve;
 mod cloud;
@@ -33,7 +34,7 @@ use global::Global;
 use outcome::Outcome;
 use std::process::ExitCode;
 
-/// Clouds to satellite images, and satellite images to clouds.
+/// 3D cloud tomography: simulate satellite images of clouds and reconstruct clouds from them.
 #[derive(Debug, Parser)]
 #[command(name = "deepct", version, arg_required_else_help = true)]
 struct Cli {

@@ -8,7 +8,7 @@ use std::path::PathBuf;
 /// Write the manual pages, one per verb
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
-    /// Folder to write them to
+    /// Folder to write the manual pages to
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
 }

@@ -1,10 +1,10 @@
-//! How a verb that did not fail ended.
+//! Outcome of a verb that ended without an error.
 
-/// How a verb that did not fail ended.
+/// Outcome of a verb that ended without an error.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Outcome {
-    /// Done.
+    /// The verb completed.
     Success,
-    /// A check that was asked for did not hold.
+    /// A requested check failed.
     CheckFailed,
 }

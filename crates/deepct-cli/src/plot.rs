@@ -1,4 +1,4 @@
-//! `deepct plot`: pictures of volumes and of images.
+//! `deepct plot`: figures of volumes and of images.
 
 use crate::outcome::Outcome;
 use deepct_core::grid::Volume;
@@ -11,20 +11,20 @@ use std::path::{Path, PathBuf};
 /// Draw a volume, alone or beside the truth, or a sheet of images, as a PNG file
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
-    /// Volume, cloud or images
+    /// File of a volume, a cloud or images
     file: PathBuf,
-    /// The true cloud, to be drawn beside the volume and against it
+    /// File of the true cloud, drawn beside the volume and in a scatter plot against it
     #[arg(long, value_name = "C.nc")]
     truth: Option<PathBuf>,
-    /// Title of the figure; if not given, the name of the file
+    /// Title of the figure; by default the name of the file
     #[arg(long, value_name = "TEXT")]
     title: Option<String>,
-    /// Picture to write
+    /// PNG file to write
     #[arg(long, value_name = "FIG.png")]
     out: PathBuf,
 }
 
-/// What a file can be drawn as.
+/// Content of a file that can be drawn.
 enum Content {
     Volume(Volume),
     Images(Observation),
@@ -47,8 +47,8 @@ pub(crate) fn run(args: &Args) -> Result<Outcome> {
             return Err(Error::file(
                 &args.file,
                 "radiance",
-                "are images, which have no truth beside them",
-                "leave out --truth, or give a volume",
+                "are images, which cannot be compared with a truth",
+                "omit --truth, or give a volume",
             ));
         }
         Content::Images(observation) => {
@@ -58,8 +58,8 @@ pub(crate) fn run(args: &Args) -> Result<Outcome> {
     Ok(Outcome::Success)
 }
 
-/// A volume, or else images. What is wrong with a file that is neither is told as of
-/// the kind that it looks like.
+/// Reads a volume, or else images. If the file is neither, the error of the kind that it resembles
+/// is returned: that of images if it has a radiance variable, otherwise that of a volume.
 fn read_content(path: &Path) -> Result<Content> {
     let problem = match read_extinction(path) {
         Ok(volume) => return Ok(Content::Volume(volume)),
@@ -80,7 +80,7 @@ fn read_extinction(path: &Path) -> Result<Volume> {
     optics::extinction(&read_cloud(path)?).map_err(Error::in_file(path))
 }
 
-/// The direction that each image was taken from, and the size of its pixels.
+/// Labels with the viewing direction and the pixel size of each image.
 pub(crate) fn labels(observation: &Observation) -> Vec<String> {
     let geometry = observation.geometry();
     let directions = geometry.view_zenith_deg.iter().zip(&geometry.view_azimuth_deg);

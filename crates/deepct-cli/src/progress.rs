@@ -1,4 +1,4 @@
-//! A progress bar on a terminal, plain lines elsewhere.
+//! Progress reports: a progress bar on a terminal, plain lines otherwise.
 
 use crate::global::Global;
 use deepct_core::Result;
@@ -12,7 +12,7 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
-/// Counts finished units of a long work and shows how far it is.
+/// Counts the finished units of a long computation and shows the progress.
 pub(crate) struct Progress {
     what: &'static str,
     total: u64,
@@ -23,11 +23,12 @@ pub(crate) struct Progress {
     last_line: Mutex<Instant>,
 }
 
-/// Without a terminal, a line is printed at every quarter of the work and at least this often.
+/// Longest interval between lines without a terminal; a line is also printed at every quarter of
+/// the work.
 const LINE_EVERY: Duration = Duration::from_secs(600);
 
 impl Progress {
-    /// Start showing `what`, of which there are `total` units.
+    /// Starts the report of `what`, which consists of `total` units.
     pub(crate) fn start(global: &Global, what: &'static str, total: u64) -> Self {
         let terminal = std::io::stderr().is_terminal();
         let bar = (terminal && !global.quiet).then(|| {
@@ -43,12 +44,12 @@ impl Progress {
         Self { what, total, done: AtomicU64::new(0), bar, lines, start, last_line }
     }
 
-    /// Note that `units` more are finished. May be called from any thread.
+    /// Adds `units` to the finished units. May be called from any thread.
     pub(crate) fn advance(&self, units: u64) {
         self.advance_with(units, None);
     }
 
-    /// Note that `units` more are finished, and say something more of them.
+    /// Adds `units` to the finished units, and shows `text` with the progress.
     pub(crate) fn advance_with(&self, units: u64, text: Option<&str>) {
         let before = self.done.fetch_add(units, Ordering::Relaxed);
         if let Some(bar) = &self.bar {
@@ -64,7 +65,7 @@ impl Progress {
         }
     }
 
-    /// Whether another line is to be printed.
+    /// Whether the next line is due.
     fn is_due(&self, before: u64, done: u64) -> bool {
         let quarter = |done: u64| (4 * done).checked_div(self.total).unwrap_or(0);
         let Ok(mut last_line) = self.last_line.lock() else { return false };
@@ -75,7 +76,7 @@ impl Progress {
         due
     }
 
-    /// The time left, in words, if all units take as long as those that are done.
+    /// The remaining time as text, extrapolated from the finished units.
     fn left(&self, done: u64) -> String {
         if done == 0 || done >= self.total {
             return String::new();
@@ -93,15 +94,16 @@ impl Drop for Progress {
     }
 }
 
-/// Steps of the bar of a rendering.
+/// Number of steps of the progress bar of a rendering.
 const STEPS: u64 = 1000;
 
-/// Set when the user asked to stop, by Ctrl-C.
+/// Set when the user presses Ctrl-C.
 static STOPPED: AtomicBool = AtomicBool::new(false);
 
-/// Let Ctrl-C end what is being done with what is there; a second one ends the program.
+/// Installs a Ctrl-C handler: the first Ctrl-C stops the computation and keeps the results so far,
+/// a second one ends the program.
 fn stop_when_asked() {
-    // Where there is no such signal, or another handler, the program just ends.
+    // If no handler can be installed, Ctrl-C ends the program.
     let _ = ctrlc::set_handler(|| {
         if STOPPED.swap(true, Ordering::Relaxed) {
             std::process::exit(130);
@@ -109,19 +111,19 @@ fn stop_when_asked() {
     });
 }
 
-/// Whether the user asked to stop.
+/// Whether the user has pressed Ctrl-C.
 pub(crate) fn stopped() -> bool {
     STOPPED.load(Ordering::Relaxed)
 }
 
-/// Watches a rendering: a bar that tells the noise reached so far. Ctrl-C ends the
-/// rendering with what is there; a second one ends the program.
+/// Reports the progress of a rendering, with the noise reached so far. The first Ctrl-C stops the
+/// rendering and keeps the images so far, a second one ends the program.
 pub(crate) struct RenderProgress {
     progress: Progress,
 }
 
 impl RenderProgress {
-    /// Start showing `what`.
+    /// Starts the report of `what`.
     pub(crate) fn start(global: &Global, what: &'static str) -> Self {
         stop_when_asked();
         Self { progress: Progress::start(global, what, STEPS) }
@@ -133,7 +135,7 @@ impl Watch for RenderProgress {
         let done = (reached.share * STEPS as f64) as u64;
         let before = self.progress.done.load(Ordering::Relaxed);
         let (samples, noise) = (reached.samples_per_pixel, 100.0 * reached.noise);
-        let paths = format!("{samples} photon paths a pixel, noise {noise:.2} %");
+        let paths = format!("{samples} photon paths per pixel, noise {noise:.2} %");
         let text = if samples > 0 { paths } else { format!("{:.0} %", 100.0 * reached.share) };
         self.progress.advance_with(done.saturating_sub(before), Some(&text));
     }
@@ -143,9 +145,9 @@ impl Watch for RenderProgress {
     }
 }
 
-/// Watches an inversion: a bar that tells the misfit, and how far the truth is where it
-/// is known; a line for each step where there is no terminal, or with `--verbose`. Every
-/// step is kept in a file.
+/// Reports the progress of an inversion: the misfit and, if the truth is known, the errors. Prints
+/// a line for each step if there is no terminal, or with `--verbose`. Every step is saved in the
+/// checkpoint file, if there is one.
 pub(crate) struct InversionProgress<'a> {
     progress: Progress,
     every_step: bool,
@@ -153,8 +155,8 @@ pub(crate) struct InversionProgress<'a> {
 }
 
 impl<'a> InversionProgress<'a> {
-    /// Start showing `what`, of at most `steps` steps; `checkpoint` is the file that they
-    /// are kept in and what the inversion is of.
+    /// Starts the report of `what`, which takes at most `steps` steps. `checkpoint` is the path of
+    /// the checkpoint file and the text that identifies the inversion.
     pub(crate) fn start(
         global: &Global,
         what: &'static str,
@@ -168,7 +170,7 @@ impl<'a> InversionProgress<'a> {
         Self { progress, every_step, checkpoint }
     }
 
-    /// The same without a line for each step where there is no terminal.
+    /// The same report, without a line for each step if there is no terminal.
     pub(crate) fn quiet_without_terminal(self) -> Self {
         Self { every_step: false, ..self }
     }

@@ -1,4 +1,4 @@
-//! `deepct render`: the images of a cloud.
+//! `deepct render`: simulation of the images of a cloud.
 
 use crate::global::Global;
 use crate::light::LightFlags;
@@ -14,51 +14,54 @@ use deepct_core::transport::{
 use deepct_core::{Error, Result};
 use std::path::{Path, PathBuf};
 
-/// Compute the radiances that each view sees
+/// Compute the radiances that the cameras observe
 ///
-/// The images carry their light (Sun, wavelength, droplet optics, atmosphere, surface) in their
-/// file, where `infer`, `invert`, `hybrid` and `score` read it. `deepct config light` prints every
-/// key of it and its default.
+/// The file of the images also stores the scene illumination (Sun, wavelength, droplet optics,
+/// molecular atmosphere, surface), which `infer`, `invert`, `hybrid` and `score` read from there.
+/// `deepct config light` prints every key and its default.
 #[derive(Debug, clap::Args)]
 #[command(after_long_help = VIEW_FILE_HELP)]
 pub(crate) struct Args {
-    /// Cloud
+    /// File of the cloud
     cloud: PathBuf,
-    /// Views: cloudct-10, pearls-32, or a TOML file of views. They look at the centre
-    /// of the cloud's grid, with an image pixel for each of its columns
+    /// Views: cloudct-10, pearls-32, or a TOML file of views. Unless the file specifies otherwise,
+    /// the cameras point at the centre of the cloud's grid, and an image has as many pixels as the
+    /// grid has columns
     #[arg(long, value_name = "NAME|FILE.toml")]
     views: String,
-    /// How light is computed
+    /// Radiative transfer solver
     #[arg(long, value_enum, default_value_t = Method::MonteCarlo)]
     solver: Method,
-    /// Light paths of each pixel; with --noise, the most of them [default: 1024, or as
-    /// many as --noise wants]
+    /// Number of photon paths per pixel; with --noise, the maximum number [default: 1024; with
+    /// --noise 16777216]
     #[arg(long, value_name = "N")]
     samples: Option<u32>,
-    /// Go on until the standard error of the bright pixels is this share of their
-    /// radiance, such as 0.01: the root mean square over all pixels that are at least half
-    /// as bright as the brightest one of their view
+    /// Add photon paths until the relative standard error of the bright pixels is at most this,
+    /// such as 0.01. It is the root mean square over all pixels that are at least half as bright as
+    /// the brightest pixel of their view
     #[arg(long, value_name = "SHARE")]
     noise: Option<f64>,
-    /// After this many scatterings, go on without the forward peak: less noise for the same
-    /// time; after 4, the view means of a thick cloud are less than 0.4 % off
+    /// Continue a photon path without the forward peak of the phase function after this many
+    /// scatterings, which reduces the noise for the same run time; with 4 scatterings, the bias of
+    /// the mean radiance of a view of a thick cloud is less than 0.4 %
     #[arg(long, value_name = "N")]
     similarity_after: Option<u32>,
-    /// Relative error that the deterministic solver works for, 0.003 to 0.1: of the bright pixels of
-    /// single clouds, about [default: 0.01]
+    /// Target accuracy of the deterministic solver, from 0.003 to 0.1: the approximate relative
+    /// error of the bright pixels of single clouds [default: 0.01]
     #[arg(long, value_name = "SHARE")]
     accuracy: Option<f64>,
     #[command(flatten)]
     light: LightFlags,
-    /// Replace one value of the light, such as optics.extinction=mie
-    #[arg(long, value_name = "KEY=VALUE", help_heading = "Light")]
+    /// Replace one value of the scene illumination, such as optics.extinction=mie
+    #[arg(long, value_name = "KEY=VALUE", help_heading = "Scene illumination")]
     set: Vec<String>,
-    /// Wavelength (um); for several of them the files have the wavelength in their names, as in
-    /// I-0.672um.nc [default: 0.672]
-    #[arg(long, value_name = "UM", value_delimiter = ',', help_heading = "Light")]
+    /// Wavelength (um); several wavelengths are separated by commas, and each is rendered to its
+    /// own files with the wavelength in the name, such as I-0.672um.nc [default: 0.672]
+    #[arg(long, value_name = "UM", value_delimiter = ',', help_heading = "Scene illumination")]
     wavelength: Vec<f64>,
-    /// Also follow this many photons from the Sun [default: 1000000], and print where the
-    /// light goes that shines on the top of the cloud's grid
+    /// Also trace this many photons from the Sun (1000000 if no number is given) through the top of
+    /// the cloud's grid, and print the fractions that leave through its faces, are absorbed, and
+    /// reach space or the surface
     #[arg(
         long,
         value_name = "PHOTONS",
@@ -71,27 +74,27 @@ pub(crate) struct Args {
     /// File of images to write
     #[arg(long, value_name = "I.nc")]
     out: PathBuf,
-    /// Also write the images as OpenEXR, one layer a view
+    /// Also write the images as OpenEXR, one layer per view
     #[arg(long, value_name = "I.exr")]
     exr: Option<PathBuf>,
-    /// Also draw all images on one sheet
+    /// Also write a PNG file that shows all images
     #[arg(long, value_name = "I.png")]
     png: Option<PathBuf>,
 }
 
-/// A solver by its name.
+/// Name of a solver.
 #[derive(Debug, Clone, Copy, clap::ValueEnum)]
 enum Method {
-    /// Random photon paths: exact up to noise
+    /// Monte Carlo photon paths: exact except for statistical noise
     MonteCarlo,
-    /// Discrete directions: without noise, in seconds, bright pixels about 1 % off
+    /// Discrete ordinates: no noise, run times of seconds, errors of about 1 % in bright pixels
     Ordinates,
 }
 
-/// Light paths of each pixel where neither their number nor the noise is given.
+/// Photon paths per pixel if neither their number nor the noise is given.
 const SAMPLES: u32 = 1024;
 
-/// The most of them where the noise is given: a day of work.
+/// Maximum number of photon paths per pixel if the noise is given: about a day of computation.
 const MOST_SAMPLES: u32 = 1 << 24;
 
 pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
@@ -122,7 +125,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
     Ok(Outcome::Success)
 }
 
-/// The name of a file with a wavelength (um) before its extension.
+/// Inserts a wavelength (um) before the extension of a file name.
 fn with_wavelength(path: &Path, wavelength: f64) -> PathBuf {
     let mut name = path.file_stem().unwrap_or_default().to_owned();
     name.push(format!("-{wavelength}um"));
@@ -134,7 +137,7 @@ fn with_wavelength(path: &Path, wavelength: f64) -> PathBuf {
 }
 
 impl Args {
-    /// An error if the solver has no photon paths to which an option could apply.
+    /// Returns an error if an option does not apply to the chosen solver.
     fn check_solver(&self) -> Result<()> {
         let of_paths = [
             ("--samples", self.samples.is_some()),
@@ -154,17 +157,20 @@ impl Args {
                 "solver",
                 format!("monte-carlo with {option}"),
                 "ordinates",
-                format!("leave out {option}: this solver follows no photon paths"),
+                format!("omit {option}: this solver has no photon paths"),
             )),
             _ => Ok(()),
         }
     }
 
     fn ordinates(&self) -> Result<OrdinatesSettings> {
-        self.accuracy.map_or(Ok(OrdinatesSettings::default()), OrdinatesSettings::with_accuracy)
+        let settings = self
+            .accuracy
+            .map_or(Ok(OrdinatesSettings::default()), OrdinatesSettings::with_accuracy)?;
+        Ok(OrdinatesSettings { estimate_error: true, ..settings })
     }
 
-    /// Render one scene and write its files; whether the user stopped it.
+    /// Renders one scene and writes its files. Returns whether the user interrupted the rendering.
     fn image(
         &self,
         global: &Global,
@@ -176,6 +182,7 @@ impl Args {
         let rendering = self.render(global, scene, &views)?;
         let provenance = self.provenance(global, light, &rendering);
         let samples = rendering.samples_per_pixel;
+        let estimated_error = rendering.estimated_error;
         let noise = rendering.standard_error.as_ref();
         let noise = noise.map(|error| relative_noise(&rendering.images, error));
         let mut observation = Observation::new(light.clone(), views, rendering.images)?;
@@ -192,31 +199,34 @@ impl Args {
         }
         if !rendering.converged && !rendering.interrupted {
             eprintln!(
-                "deepct: warning: the deterministic solver has not come to its tolerance; the cloud is \
-                 very thick, or its sides are periodic and close: --solver monte-carlo is exact"
+                "deepct: warning: the deterministic solver has not converged to its tolerance; the \
+                 cloud is very thick, or the domain is small and periodic: use --solver monte-carlo"
             );
         }
         if rendering.interrupted {
             match self.solver {
                 Method::MonteCarlo => {
                     eprintln!(
-                        "deepct: stopped early: the images hold {samples} photon paths a pixel"
+                        "deepct: stopped early: the images have {samples} photon paths per pixel"
                     );
                 }
                 Method::Ordinates => eprintln!(
-                    "deepct: stopped early: the images are those of a solution that has not come to its \
-                     tolerance"
+                    "deepct: stopped early: the images are those of a solution that has not \
+                     converged to its tolerance"
                 ),
             }
         }
         if !global.quiet {
             let [views, rows, cols] = observation.images.shape();
             let by = match self.solver {
-                Method::MonteCarlo => format!("{samples} photon paths each"),
+                Method::MonteCarlo => format!("{samples} photon paths per pixel"),
                 Method::Ordinates => "by discrete ordinates".to_owned(),
             };
             println!("{views} views of {rows} x {cols} pixels, {by}");
             println!("brightest  {:.5} sr-1", observation.images.brightest());
+            if let Some(error) = estimated_error {
+                println!("error      {:.1} % of bright pixels, estimated", 100.0 * error);
+            }
             if let Some(noise) = noise {
                 println!("noise      {:.2} % of the mean", 100.0 * noise);
             }
@@ -242,23 +252,23 @@ impl Args {
     }
 }
 
-/// A row for each share of the light, with its standard error.
+/// Prints one row per fraction of the incident light, with its standard error.
 fn print_fluxes(fluxes: &Fluxes) {
-    println!("light on the top of the grid    share    error");
+    println!("light on top of the grid     fraction    error");
     for (what, share) in [
-        ("out through the top", fluxes.reflected),
-        ("out through the bottom", fluxes.transmitted),
-        ("out through the sides", fluxes.sides),
+        ("leaves through the top", fluxes.reflected),
+        ("leaves through the bottom", fluxes.transmitted),
+        ("leaves through the sides", fluxes.sides),
         ("absorbed by droplets", fluxes.absorbed),
-        ("in the end in space", fluxes.upward),
-        ("in the end in the surface", fluxes.downward),
+        ("finally in space", fluxes.upward),
+        ("finally in the surface", fluxes.downward),
         ("unscattered at the surface", fluxes.unscattered),
     ] {
         println!("{what:<26}  {:9.6}  {:.6}", share.mean, share.standard_error);
     }
 }
 
-/// The root mean square of the standard error over the mean radiance.
+/// The root mean square of the standard error divided by the mean radiance.
 fn relative_noise(images: &ViewStack, standard_error: &ViewStack) -> f64 {
     let square = |value: &f32| f64::from(*value).powi(2);
     let count = images.values.len() as f64;
@@ -267,17 +277,20 @@ fn relative_noise(images: &ViewStack, standard_error: &ViewStack) -> f64 {
     (squares / count).sqrt() / mean
 }
 
-/// What the output records of this run.
+/// Parameters of the run, recorded in the output file.
 #[derive(Debug, serde::Serialize)]
 struct Resolved<'a> {
     cloud: &'a Path,
     views: &'a str,
     solver: &'a str,
-    /// Light paths of each pixel that the images hold; 0 without any.
+    /// Photon paths per pixel in the images; 0 for the deterministic solver.
     samples: u32,
     #[serde(skip_serializing_if = "Option::is_none")]
     noise: Option<f64>,
-    /// Whether the user stopped before all that was asked for was done.
+    /// Estimated relative error of the bright pixels by the deterministic solver.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    estimated_error: Option<f64>,
+    /// Whether the user interrupted the rendering before it was complete.
     interrupted: bool,
     #[serde(skip_serializing_if = "Option::is_none")]
     similarity_after: Option<u32>,
@@ -295,6 +308,7 @@ impl Args {
             },
             samples: rendering.samples_per_pixel,
             noise: self.noise,
+            estimated_error: rendering.estimated_error,
             interrupted: rendering.interrupted,
             similarity_after: self.similarity_after,
             light,

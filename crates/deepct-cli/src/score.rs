@@ -1,4 +1,4 @@
-//! `deepct score`: how far estimates are from the truth.
+//! `deepct score`: errors of estimates with respect to the truth.
 
 use crate::config::{Values, flattened, single};
 use crate::global::Global;
@@ -10,22 +10,32 @@ use deepct_core::scene::Light;
 use deepct_core::{Error, Result};
 use std::path::{Path, PathBuf};
 
-/// Compare volumes and masks with the truth, a row per file
+/// Compare volumes and masks with the truth, one row per file
 ///
-/// The extinction of a cloud that is known by its droplets follows from the light that the first
-/// estimate's file states, or from the default one (`deepct config light`).
+/// The columns for volumes are the relative error epsilon, which is the sum of
+/// abs(estimate - truth) over the sum of the truth; the mass error delta, which is the sum of
+/// (truth - estimate) over the sum of the truth and is positive if extinction is missing; the root
+/// mean square error (rmse); and the correlation. --verbose adds vertical profiles.
+///
+/// The columns for masks are the fraction of all voxels inside the mask (kept), the fraction of the
+/// total extinction outside the mask (extinction missed), the fraction of the empty voxels inside
+/// the mask (false positive) and the fraction of the cloudy voxels outside it (false negative).
+///
+/// If a cloud is given by its droplet properties, its extinction is computed with the scene
+/// illumination of the first estimate whose file contains one, or else with the default
+/// illumination (`deepct config light`).
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
-    /// The true cloud
+    /// File of the true cloud
     #[arg(long, value_name = "C.nc")]
     truth: PathBuf,
-    /// Estimated volumes, or masks
+    /// Files of estimated volumes or masks
     #[arg(required = true, value_name = "V.nc")]
     estimates: Vec<PathBuf>,
     /// Print one JSON array with all scores and profiles
     #[arg(long)]
     json: bool,
-    /// Replace one value of that light, such as optics.extinction=mie
+    /// Replace one value of this scene illumination, such as optics.extinction=mie
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
 }
@@ -38,7 +48,7 @@ struct Row<'a> {
     scores: Kind,
 }
 
-/// What was scored.
+/// Scores by the kind of file.
 #[derive(Debug, serde::Serialize)]
 #[serde(untagged)]
 enum Kind {
@@ -67,7 +77,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
 }
 
 impl Args {
-    /// The light of the images that the estimates were made from.
+    /// The scene illumination of the images from which the estimates were made.
     fn light(&self) -> Result<Light> {
         let mut light = Light::default();
         for file in &self.estimates {
@@ -88,7 +98,7 @@ fn read_extinction(path: &Path, light: &Light) -> Result<Volume> {
     light.extinction(&read_cloud(path)?).map_err(Error::in_file(path))
 }
 
-/// The scores of a volume, or of a mask where the file holds nothing else.
+/// Scores a volume, or a mask if the file contains no volume.
 fn score_file<'a>(truth: &Volume, file: &'a Path, light: &Light) -> Result<Row<'a>> {
     let scores = match (read_extinction(file, light), read_mask(file)) {
         (Ok(estimate), _) => score(truth, &estimate).map(Kind::Volume),

@@ -1,4 +1,4 @@
-//! `deepct sense`: the noise of a sensor.
+//! `deepct sense`: simulation of sensor noise.
 
 use crate::global::Global;
 use crate::outcome::Outcome;
@@ -7,17 +7,17 @@ use deepct_core::sensor::{Exposure, Scale, Sensor, expose};
 use deepct_core::{Error, Result};
 use std::path::{Path, PathBuf};
 
-/// Add photon, dark, read and quantisation noise to images
+/// Add photon, dark-current, read and quantisation noise to images
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
-    /// Images without noise, as `deepct render` writes them
+    /// File of images without noise, as written by `deepct render`
     images: PathBuf,
     /// Sensor: cmv4000, or a TOML file with full_well, read_noise (electrons),
     /// dark_current (electrons/s), bits, exposure (s) and pixel_pitch (um)
     #[arg(long, default_value = "cmv4000", value_name = "NAME|FILE.toml")]
     sensor: String,
-    /// Electrons for a radiance of 1/sr; if not given, the brightest pixel over all
-    /// views fills its well
+    /// Number of electrons for a radiance of 1/sr; by default it is chosen such that the brightest
+    /// pixel of all views reaches the full well
     #[arg(long, value_name = "E_PER_RADIANCE", allow_negative_numbers = true)]
     scale: Option<f64>,
     /// File of noisy images to write
@@ -37,7 +37,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
         expose(&clean, &sensor, scale, global.seed).map_err(Error::in_file(&args.images))?;
     let resolved = Resolved { images: &args.images, electrons_per_radiance, sensor };
     let provenance = Provenance {
-        title: "Images with the noise of a sensor".into(),
+        title: "Images with sensor noise".into(),
         configuration: toml::to_string(&resolved).expect("plain numbers and text"),
         seed: global.seed,
     };
@@ -48,7 +48,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
     Ok(Outcome::Success)
 }
 
-/// What the output records of this run.
+/// Parameters of the run, recorded in the output file.
 #[derive(Debug, serde::Serialize)]
 struct Resolved<'a> {
     images: &'a Path,
@@ -56,7 +56,7 @@ struct Resolved<'a> {
     sensor: Sensor,
 }
 
-/// A preset by its name, or else a file.
+/// The preset of the given name, or else the sensor described in a file.
 fn find_sensor(name: &str) -> Result<Sensor> {
     if let Some(sensor) = Sensor::preset(name) {
         return Ok(sensor);

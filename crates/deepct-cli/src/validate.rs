@@ -1,4 +1,4 @@
-//! `deepct validate`: the physics against published and independent results.
+//! `deepct validate`: validation of the physics against published and independent results.
 
 use crate::global::Global;
 use crate::outcome::Outcome;
@@ -6,54 +6,54 @@ use deepct_core::validation::{Effort, Row, Suite, validate};
 use deepct_core::{Error, Result};
 use std::path::PathBuf;
 
-/// Compare the physics with published and independent results
+/// Validate the physics against published and independent results
 ///
-/// Prints a row per case: value, standard error, reference, difference that is
-/// tolerated (three standard errors, and what the references differ by among
-/// themselves), verdict, seconds. The exit status is 1 if a case fails.
+/// Prints one row per case: value, standard error, reference, tolerance, verdict and run time in
+/// seconds. The tolerance is three standard errors, plus in some cases an allowance for systematic
+/// differences between solver and reference. The exit status is 1 if any case fails.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
-    /// The cases
+    /// Suite of cases to run
     #[arg(long, value_enum, default_value_t = Choice::All)]
     suite: Choice,
-    /// Folder with rico32_cloud.nc and rico32_views.nc, for the suite rico, and with
-    /// mie_water_672nm.nc, for more of the suite mie
+    /// Folder with rico32_cloud.nc and rico32_views.nc for the suite rico, and with
+    /// mie_water_672nm.nc for additional cases of the suite mie
     #[arg(long, value_name = "DIR")]
     reference: Option<PathBuf>,
-    /// Folder where the suite clouds keeps its Monte Carlo images, to be found there again
+    /// Folder in which the suite clouds stores its Monte Carlo images for reuse by later runs
     #[arg(long, value_name = "DIR")]
     cache: Option<PathBuf>,
-    /// Twenty-five times the work or more, for a noise of 1e-3 of the values or less
+    /// Increase the work by a factor of 25 or more, for a noise of 1e-3 of the values or less
     #[arg(long)]
     long: bool,
-    /// Print JSON
+    /// Print one JSON array
     #[arg(long)]
     json: bool,
 }
 
-/// A suite by its name.
+/// Name of a suite.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 enum Choice {
     /// Plane-parallel layers
     Slabs,
-    /// The same by the deterministic solver, in thin and in thick cells
+    /// Plane-parallel layers by the deterministic solver, with thin and with thick cells
     Layers,
-    /// Derivatives by the deterministic solver, of a simulated cumulus too with --reference
+    /// Derivatives of the deterministic solver; with --reference also for a simulated cumulus
     Gradients,
     /// Isolated cubes and a sphere
     Cubes,
-    /// The step cloud of I3RC
+    /// Step cloud of I3RC
     Step,
-    /// Droplets, more of them with --reference
+    /// Droplet optics (Mie theory); more cases with --reference
     Mie,
-    /// A simulated cumulus; needs --reference
+    /// Simulated cumulus; requires --reference
     Rico,
-    /// A cube cloud of the project IPRT
+    /// Cube cloud of the project IPRT
     Iprt,
-    /// The deterministic solver on whole clouds, against the Monte Carlo solver; more clouds with
+    /// Deterministic solver against Monte Carlo solver for whole clouds; more clouds with
     /// --reference
     Clouds,
-    /// All of them; rico if --reference is given
+    /// All suites; rico only if --reference is given
     All,
 }
 
@@ -100,7 +100,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
         println!("{}", serde_json::to_string_pretty(&rows).expect("plain numbers and text"));
     } else {
         let skipped = args.suite == Choice::All && args.reference.is_none();
-        let note = if skipped { "; rico left out, as it needs --reference" } else { "" };
+        let note = if skipped { "; suite rico skipped, as it requires --reference" } else { "" };
         println!("{} of {} rows passed{note}", rows.len() - failed, rows.len());
     }
     Ok(if failed == 0 { Outcome::Success } else { Outcome::CheckFailed })

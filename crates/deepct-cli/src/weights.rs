@@ -1,4 +1,4 @@
-//! `deepct weights`: what weights are for.
+//! `deepct weights`: inspection of network weights.
 
 use crate::outcome::Outcome;
 use deepct_core::Result;
@@ -6,7 +6,7 @@ use deepct_core::io::load_weights;
 use deepct_core::network::{ImageLayout, Planes, WeightsMetadata, receptive_field};
 use std::path::PathBuf;
 
-/// Look into weights of the network
+/// Inspect weights of the network
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
     #[command(subcommand)]
@@ -15,7 +15,7 @@ pub(crate) struct Args {
 
 #[derive(Debug, clap::Subcommand)]
 enum Action {
-    /// Print what weights are for, their layers and the scores they reached
+    /// Print the formation and grid that the weights were trained for, their layers and scores
     Inspect {
         /// Weights: a file, or the name of built-in ones (cloudct-10, pearls-32)
         #[arg(value_name = "FILE|NAME")]
@@ -26,7 +26,7 @@ enum Action {
     },
 }
 
-/// The metadata and what follows from them.
+/// The metadata, and quantities derived from them.
 #[derive(Debug, serde::Serialize)]
 struct Report<'a> {
     layers: usize,
@@ -54,7 +54,7 @@ pub(crate) fn run(args: &Args) -> Result<Outcome> {
     Ok(Outcome::Success)
 }
 
-/// What the network tells of each voxel, in words.
+/// The output quantities of the network as text.
 fn outputs(metadata: &WeightsMetadata) -> String {
     let words = metadata.outputs.iter().map(|output| output.name());
     words.collect::<Vec<_>>().join(" and ")
@@ -95,13 +95,13 @@ fn print_report(report: &Report<'_>) {
 
 fn layout(layout: &ImageLayout) -> String {
     let ImageLayout::Planes(Planes { altitudes_km }) = layout else {
-        return "as the cameras took them".into();
+        return "in camera geometry".into();
     };
     let altitudes: Vec<_> = altitudes_km.iter().map(|at| format!("{at:.2}")).collect();
-    format!("on {} planes at {} km", altitudes.len(), altitudes.join(" "))
+    format!("resampled onto {} planes at {} km", altitudes.len(), altitudes.join(" "))
 }
 
-/// The numbers with repetitions told once, such as `10 12 14 (3 times)`.
+/// The numbers as text, with runs of equal numbers combined, such as `10 12 14 (3 times)`.
 fn runs(numbers: &[usize]) -> String {
     let runs = numbers.chunk_by(|a, b| a == b).map(|run| match run.len() {
         1 => run[0].to_string(),

@@ -1,4 +1,4 @@
-//! A round cloud, ten noisy images of it, and the voxels that they allow to be cloud.
+//! Carves a spherical cloud from ten noisy images, with several values of the agreement.
 //!
 //! `cargo run --release --example carve`
 

@@ -1,4 +1,4 @@
-//! Clouds: make one up from a seed, write it, read it back, cut a field into its clouds.
+//! Generates a random cumulus, writes and reads its file, and isolates the clouds of a field.
 //!
 //!     cargo run --release --package deepct-core --example cloud
 
@@ -15,7 +15,7 @@ fn main() -> deepct_core::Result<()> {
     let most = extinction(&cloud)?.values.iter().copied().fold(0.0, f32::max);
     println!("a cumulus of extinction up to {most:.0} km-1 on {:?} voxels", cloud.grid.shape);
 
-    // Any tool that knows netCDF-4 opens the file: xarray, ncdump, Panoply.
+    // The file can be opened by any netCDF-4 software, such as xarray, ncdump or Panoply.
     let path = std::env::temp_dir().join(format!("deepct-example-{}.nc", std::process::id()));
     let configuration = format!("width_km = {:?}", settings.width_km.unwrap_or_default());
     write_cloud(&path, &cloud, &Provenance { title: "A cumulus".into(), configuration, seed })?;

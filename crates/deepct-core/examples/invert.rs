@@ -1,4 +1,5 @@
-//! A thin cloud, its images, and the cloud again: by physics from next to nothing.
+//! Simulates images of a thin cloud and reconstructs it by inversion, starting from a small uniform
+//! extinction.
 //!
 //! `cargo run --release --example invert`
 
@@ -19,7 +20,7 @@ fn main() -> Result<()> {
         *extinction = (20.0 * (1.0 - distance / 0.35)).max(0.0) as f32;
     }
 
-    // What the cameras see, by random photon paths.
+    // Images by the Monte Carlo solver.
     let phase_function = PhaseFunction::henyey_greenstein(CLOUD_ASYMMETRY)?;
     let medium = Medium::new(cloud.clone(), 1.0, phase_function)?;
     let scene = Scene::new(medium, Sun::default(), Surface::BLACK)?;
@@ -29,7 +30,7 @@ fn main() -> Result<()> {
     let mut observation = Observation::new(scene.sun, views.clone(), rendering.images)?;
     observation.standard_error = rendering.standard_error;
 
-    // The cloud whose images are the same, by the deterministic solver and its derivatives.
+    // Inversion with the deterministic solver and its derivatives.
     let mask = carve(&observation, &grid, &CarveSettings::default())?.mask;
     let problem = Problem { observation: &observation, mask: &mask, truth: Some(&cloud) };
     let mut models = OrdinatesModels::new(scene, views, OrdinatesSettings::default());

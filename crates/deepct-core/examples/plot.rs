@@ -1,7 +1,7 @@
-//! Pictures of a volume beside the truth, of their scatter plot, and of images.
+//! Draws a volume beside the truth, a scatter plot of the two, and a sheet of images.
 //!
-//! `cargo run --release --example plot [FOLDER]`: without a folder the pictures go to
-//! the system's folder for temporary files.
+//! `cargo run --release --example plot [FOLDER]` writes the figures to the folder, which defaults
+//! to the system's folder for temporary files.
 
 use deepct_core::grid::{Grid, Volume};
 use deepct_core::image::ViewStack;
@@ -26,8 +26,9 @@ fn main() -> Result<()> {
     };
     let (truth, estimate) = (puffs(0.15, 60.0)?, puffs(0.19, 35.0)?);
 
-    // Seen from above, each column taken for a layer without sides (Bohren 1987, two
-    // streams, asymmetry 0.86), under the paper's Sun and under half of its light.
+    // Nadir radiances with each column treated as a plane-parallel layer (two-stream approximation
+    // of Bohren 1987, asymmetry parameter 0.86), for the Sun of the paper and for half its
+    // irradiance.
     let depth = truth.values.sum_axis(ndarray::Axis(0)) * grid.spacing.z as f32;
     let radiance =
         depth.mapv(|depth| 0.866 / std::f32::consts::PI * 0.07 * depth / (1.0 + 0.07 * depth));
@@ -37,7 +38,7 @@ fn main() -> Result<()> {
     let figure = |name: &str| folder.join(name);
     volume_figure(figure("volume.png"), &estimate, Some(&truth), "Three puffs, smoothed")?;
     scatter_figure(figure("scatter.png"), &truth, &estimate, "Three puffs, smoothed")?;
-    let labels = ["full light".to_owned(), "half the light".to_owned()];
+    let labels = ["full irradiance".to_owned(), "half the irradiance".to_owned()];
     contact_sheet(figure("images.png"), &images, &labels, "Two images")?;
     println!("volume.png, scatter.png and images.png are in {}", folder.display());
     Ok(())

@@ -1,5 +1,5 @@
-//! Scores of three simple answers: the truth with too little of it, the truth one voxel
-//! too far to the east, and nothing at all.
+//! Scores of three simple estimates: the truth multiplied by 0.8, the truth shifted by one voxel to
+//! the east, and zero everywhere.
 //!
 //! `cargo run --release --example score`
 

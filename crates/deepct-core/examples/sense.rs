@@ -1,5 +1,5 @@
-//! What a CMV4000 makes of even light: the noise that is measured in its images beside
-//! the paper's formula.
+//! Noise of a CMV4000 sensor under uniform illumination: the standard deviation of simulated images
+//! compared with the formula of the paper.
 //!
 //! `cargo run --release --example sense`
 
@@ -13,7 +13,7 @@ fn main() -> Result<()> {
     println!("electrons   measured deviation   by the formula   signal to noise");
     for electrons in [135.0, 1350.0, 6750.0, 12_000.0] {
         let even = ViewStack::new(Array3::from_elem((1, 256, 256), electrons as f32))?;
-        // A radiance of 1 stands for one electron here.
+        // A radiance of 1 corresponds to one electron here.
         let sensed = sense(&even, &sensor, Scale::ElectronsPerRadiance(1.0), 7)?;
         let square = |value: &f32| (f64::from(*value) - electrons).powi(2);
         let pixels = sensed.images.values.len() as f64;

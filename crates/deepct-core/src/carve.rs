@@ -1,9 +1,9 @@
-//! Space carving: which voxels the images allow to hold cloud.
+//! Space carving: the voxels that can contain cloud according to the images.
 //!
-//! A pixel is cloudy when its radiance exceeds a threshold. A view votes for a voxel
-//! when one of its cloudy pixels sees some part of the voxel, and against it when it
-//! sees the whole voxel and none of those pixels is cloudy. A view that sees only a
-//! part of a voxel, and no cloud there, has no vote: the rest is outside its frame.
+//! A pixel is cloudy if its radiance exceeds a threshold. A view votes for a voxel if at least one
+//! cloudy pixel overlaps the projection of the voxel, and against it if the whole projection is
+//! inside the image and no cloudy pixel overlaps it. A view abstains if its image contains only a
+//! part of the projection and no cloud there, because the rest of the voxel is outside the frame.
 
 mod footprint;
 mod threshold;
@@ -18,30 +18,30 @@ use ndarray::{Array3, ArrayViewMut3, Axis, s};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-/// How a cloud is carved out of its images.
+/// Settings of space carving.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct CarveSettings {
-    /// A pixel is cloudy above this radiance (1/sr); `None` takes the
-    /// [`cloud_threshold`] of the images.
+    /// Radiance above which a pixel is cloudy (1/sr); `None` uses the [`cloud_threshold`] of the
+    /// images.
     pub threshold: Option<f32>,
-    /// A voxel is kept when at least this share of the views that have a vote on it
-    /// vote for it, in `[0, 1]`.
+    /// Smallest share of votes for a voxel, among the views that do not abstain, with which the
+    /// voxel is kept, in `[0, 1]`.
     pub agreement: f64,
 }
 
 impl Default for CarveSettings {
-    /// A threshold that is found, and an agreement of 0.9: on eight single BOMEX clouds with the
-    /// noise of a CMV4000 this loses 0.4 % of the extinction with ten views and 0.1 % with 32, and
-    /// keeps 6 % and 7 % of the voxels. An agreement of 0.8 loses 0.2 % and 0.03 % and keeps 9 % and
-    /// 16 %, one of 1 loses 0.6 % and 0.5 % and keeps 4 % and 3 %.
+    /// An automatic threshold and an agreement of 0.9. On eight single BOMEX clouds with the noise
+    /// of a CMV4000, this loses 0.4 % of the extinction with ten views and 0.1 % with 32 views, and
+    /// it keeps 6 % and 7 % of the voxels, respectively. An agreement of 0.8 loses 0.2 % and 0.03 %
+    /// and keeps 9 % and 16 %; an agreement of 1 loses 0.6 % and 0.5 % and keeps 4 % and 3 %.
     fn default() -> Self {
         Self { threshold: None, agreement: 0.9 }
     }
 }
 
 impl CarveSettings {
-    /// An error unless the settings can be used.
+    /// Returns an error unless the settings are valid.
     ///
     /// # Errors
     /// A threshold that is not finite, an agreement outside `[0, 1]`.
@@ -58,17 +58,16 @@ impl CarveSettings {
     }
 }
 
-/// A carved mask and what it was made with.
+/// A carved mask and the threshold it was made with.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Carved {
-    /// The voxels that are kept. One that no view has a vote on is kept: nothing
-    /// speaks against it.
+    /// The voxels that are kept, including those on which all views abstain.
     pub mask: Mask,
     /// The threshold that was used (1/sr).
     pub threshold: f32,
 }
 
-/// Carve `grid` by the images of `observation`.
+/// Carves `grid` using the images of `observation`.
 ///
 /// # Errors
 /// As [`CarveSettings::check`].
@@ -98,18 +97,18 @@ pub fn carve(observation: &Observation, grid: &Grid, settings: &CarveSettings) -
     Ok(Carved { mask: Mask::new(*grid, values)?, threshold })
 }
 
-/// Voxels along each side of a block that is looked at as a whole first.
+/// Number of voxels along each side of a block, which is tested as a whole before its voxels are.
 const BLOCK: usize = 4;
 
-/// Whether so many votes keep a voxel. A share of votes that equals the agreement but for
-/// rounding is enough.
+/// Whether a voxel with these numbers of votes is kept. A share of votes that equals the agreement
+/// up to rounding errors is sufficient.
 fn enough(yes: usize, no: usize, agreement: f64) -> bool {
     yes as f64 >= agreement * (yes + no) as f64 - 1e-9
 }
 
-/// Carve a block of voxels, of which `first` is the lowest. A view that sees all of the block and no
-/// cloud there votes against each of its voxels, one that sees nothing but cloud there for them; only
-/// the other views look voxel by voxel.
+/// Carves a block of voxels, of which `first` is the lowest. A view that contains the whole block
+/// and no cloud in its rows and columns votes against every voxel of it; a view that contains only
+/// cloud there votes for every voxel. Only the remaining views are evaluated voxel by voxel.
 fn carve_block(
     grid: &Grid,
     first: [usize; 3],
@@ -176,10 +175,10 @@ mod tests {
         sphere
     }
 
-    /// Rays per pixel along each axis in the brute force.
+    /// Number of rays per pixel along each axis in the brute-force test.
     const RAYS: usize = 8;
 
-    /// What each ray of a pixel passes.
+    /// The rays of a pixel.
     fn rays(view: &View, row: usize, col: usize) -> impl Iterator<Item = crate::math::Ray> {
         let part = |index: usize| (index as f64 + 0.5) / RAYS as f64;
         (0..RAYS * RAYS).map(move |number| {
@@ -187,7 +186,7 @@ mod tests {
         })
     }
 
-    /// Images with the longest path through the volume of any ray in a pixel.
+    /// Images whose pixels hold the largest optical depth of the volume along any ray of the pixel.
     fn paths(volume: &Volume, views: &[View]) -> ViewStack {
         let shape = (views.len(), views[0].rows, views[0].cols);
         let longest = |(view, row, col): (usize, usize, usize)| {
@@ -202,8 +201,8 @@ mod tests {
         ViewStack::new(Array3::from_shape_fn(shape, longest)).unwrap()
     }
 
-    /// Votes by walking the rays of every pixel: a voxel touched by a cloudy pixel's
-    /// ray has a yes; one touched, but only by clear pixels, a no.
+    /// Votes found by tracing the rays of every pixel: a view votes for a voxel that a ray of a
+    /// cloudy pixel crosses, and against a voxel that only rays of clear pixels cross.
     fn brute_force(observation: &Observation, grid: &Grid, agreement: f64) -> Array3<bool> {
         let mut yes = Array3::<u32>::zeros(grid.shape);
         let mut seen = Array3::<u32>::zeros(grid.shape);
@@ -233,8 +232,8 @@ mod tests {
         CarveSettings { threshold: Some(threshold), agreement }
     }
 
-    /// The rays are a sample of what a pixel sees: a voxel that they find must be
-    /// kept, and one that they miss may be kept when a pixel sees a sliver of it.
+    /// The rays only sample what a pixel observes: a voxel that they find must be kept, and a voxel
+    /// that they miss may be kept if a pixel observes a small part of it.
     #[test]
     fn what_the_rays_of_cloudy_pixels_touch_is_kept() {
         let grid = grid();
@@ -255,11 +254,12 @@ mod tests {
     fn a_view_speaks_only_of_what_it_sees() {
         let grid = grid();
         let volume = Volume::constant(grid, 0.0);
-        // Four pixels of 50 m over the middle: x from 0.3 to 0.5, y from 0.29 to 0.49.
+        // Four pixels of 50 m over the centre: x from 0.3 to 0.5, y from 0.29 to 0.49.
         let view = View::orthographic(DVec3::Z, grid.center(), 0.05, [4, 4]).unwrap();
         let carved = carve(&observe(&volume, vec![view]), &grid, &settings(0.0, 1.0)).unwrap().mask;
         for ((_, j, i), &kept) in carved.values.indexed_iter() {
-            // Rows of voxels are 60 m wide: those from 0.30 to 0.48 are seen whole.
+            // Rows of voxels are 60 m wide: those from 0.30 to 0.48 are completely inside the
+            // image.
             let seen = (6..10).contains(&i) && (5..8).contains(&j);
             assert_eq!(kept, !seen, "y {j}, x {i}");
         }
@@ -286,7 +286,7 @@ mod tests {
         let dark = observe(&Volume::constant(grid, 0.0), vec![view]);
         assert!(carve(&dark, &grid, &settings(0.0, 1.1)).is_err());
         assert!(carve(&dark, &grid, &settings(f32::NAN, 0.9)).is_err());
-        // Without a bright pixel nothing is cloud.
+        // Without a bright pixel there is no cloud.
         let carved = carve(&dark, &grid, &CarveSettings::default()).unwrap();
         assert!(carved.mask.count() < grid.len() && carved.threshold == 0.0);
     }

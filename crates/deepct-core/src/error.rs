@@ -1,54 +1,54 @@
-//! The one error and the one result of the library.
+//! The error and result types of the library.
 //!
-//! Every variant carries the data that a caller needs to act: which file, which
-//! field, which number, and what to do about it. The message is one line.
+//! Every variant carries the data that a caller needs to act on the error: the file, the field, the
+//! value and the remedy. The message is one line.
 
 use std::path::PathBuf;
 
-/// What can go wrong in deepct.
+/// The errors of deepct.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
-    /// The operating system refused: a missing file, no permission, a full disk.
+    /// An operation of the operating system failed: a missing file, no permission, a full disk.
     #[error("{}: {source}", path.display())]
     Io {
         /// The file or folder.
         path: PathBuf,
-        /// What the operating system said.
+        /// The error reported by the operating system.
         source: std::io::Error,
     },
-    /// A file was opened, but what it holds cannot be used.
+    /// A file was opened, but its content cannot be used.
     #[error("{}: {field}: {problem}; {remedy}", path.display())]
     File {
         /// The file.
         path: PathBuf,
-        /// The variable, attribute, key, layer or line at fault.
+        /// The variable, attribute, key, layer or line that is invalid.
         field: String,
-        /// What is wrong with it.
+        /// The problem with this field.
         problem: String,
-        /// What the user can do.
+        /// The action that solves the problem.
         remedy: String,
     },
     /// A value given by the caller is out of its range.
     #[error("{name} is {value}, but must be {range}")]
     OutOfRange {
-        /// The argument or setting, as the caller knows it.
+        /// The argument or setting, under the name that the caller uses.
         name: &'static str,
         /// The value given.
         value: String,
-        /// The values that are accepted, in words, with the unit.
+        /// A description of the accepted values, with the unit.
         range: String,
     },
-    /// Two inputs do not fit each other: a shape, a grid or a geometry.
+    /// Two inputs are inconsistent: a shape, a grid or a geometry differs.
     #[error("{what}: expected {expected}, found {found}; {remedy}")]
     Mismatch {
-        /// What was compared.
+        /// The quantity that was compared.
         what: String,
-        /// What the one side asks for.
+        /// The value that is required.
         expected: String,
-        /// What the other side holds.
+        /// The value that was given.
         found: String,
-        /// What the user can do.
+        /// The action that solves the problem.
         remedy: String,
     },
 }
@@ -57,7 +57,7 @@ pub enum Error {
 pub type Result<T> = std::result::Result<T, Error>;
 
 impl Error {
-    /// An [`Error::OutOfRange`] from anything that prints.
+    /// Creates an [`Error::OutOfRange`] from a value that can be printed.
     pub fn out_of_range(
         name: &'static str,
         value: impl ToString,
@@ -66,7 +66,7 @@ impl Error {
         Self::OutOfRange { name, value: value.to_string(), range: range.into() }
     }
 
-    /// An [`Error::File`].
+    /// Creates an [`Error::File`].
     pub fn file(
         path: impl Into<PathBuf>,
         field: impl Into<String>,
@@ -81,7 +81,7 @@ impl Error {
         }
     }
 
-    /// An [`Error::Mismatch`].
+    /// Creates an [`Error::Mismatch`].
     pub fn mismatch(
         what: impl Into<String>,
         expected: impl ToString,
@@ -96,14 +96,14 @@ impl Error {
         }
     }
 
-    /// An [`Error::Io`] for `path`, to be used with `map_err`.
+    /// Creates an [`Error::Io`] for `path`, for use with `map_err`.
     pub fn io(path: impl Into<PathBuf>) -> impl FnOnce(std::io::Error) -> Self {
         let path = path.into();
         move |source| Self::Io { path, source }
     }
 
-    /// Names `path` in an error about values that were read from it, to be used with
-    /// `map_err`: a value out of range is then an error of the file.
+    /// Adds `path` to an error about values that were read from that file, for use with `map_err`:
+    /// a value out of range becomes an [`Error::File`].
     pub fn in_file(path: impl Into<PathBuf>) -> impl Fn(Self) -> Self {
         let path = path.into();
         move |error| match error {

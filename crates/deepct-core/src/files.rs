@@ -1,14 +1,14 @@
-//! Files as a whole: written under a temporary name, read as TOML.
+//! Writing of files through a temporary name, checksums, and reading of TOML files.
 
 use crate::error::{Error, Result};
 use serde::de::DeserializeOwned;
 use std::path::Path;
 
-/// An empty file in the folder of `path`, removed unless it is persisted: what an output is written to
-/// until it is complete.
+/// Creates an empty temporary file in the folder of `path`, to which an output is written until it
+/// is complete. The file is removed unless it is persisted.
 ///
 /// # Errors
-/// A folder that does not exist or cannot be written.
+/// A folder that does not exist or cannot be written to.
 #[cfg(any(feature = "files", feature = "plot"))]
 pub(crate) fn temporary_beside(path: &Path) -> Result<tempfile::TempPath> {
     let folder = match path.parent() {
@@ -20,14 +20,15 @@ pub(crate) fn temporary_beside(path: &Path) -> Result<tempfile::TempPath> {
     #[cfg(unix)]
     {
         use std::os::unix::fs::PermissionsExt;
-        // What any new file gets: the process's mask takes away from this.
+        // These are the default permissions of a new file, which the umask of the process reduces.
         builder.permissions(std::fs::Permissions::from_mode(0o666));
     }
     let file = builder.tempfile_in(folder).map_err(Error::io(path))?;
     Ok(file.into_temp_path())
 }
 
-/// Write a file under a temporary name and rename it: a run that dies leaves no half file behind.
+/// Writes a file under a temporary name and renames it, so that an interrupted run leaves no
+/// incomplete file behind.
 ///
 /// # Errors
 /// A file that cannot be written.
@@ -49,10 +50,11 @@ pub(crate) fn sha256(path: &Path) -> Result<String> {
     Ok(Sha256::digest(bytes).iter().map(|byte| format!("{byte:02x}")).collect())
 }
 
-/// What a TOML file holds: `what` in the message of an error, with the `remedy`.
+/// Reads a TOML file. An error message names the content as `what` and suggests `remedy`.
 ///
 /// # Errors
-/// A file that cannot be read; no TOML, an unknown or missing key, a value of a wrong type.
+/// A file that cannot be read or is not valid TOML; an unknown or missing key, a value of a wrong
+/// type.
 pub(crate) fn read_toml<T: DeserializeOwned>(path: &Path, what: &str, remedy: &str) -> Result<T> {
     let text = std::fs::read_to_string(path).map_err(Error::io(path))?;
     toml::from_str(&text)

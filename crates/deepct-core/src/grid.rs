@@ -1,11 +1,11 @@
-//! Regular grids and the fields that live on them.
+//! Regular grids and fields on them.
 
 use crate::error::{Error, Result};
 use crate::math::DVec3;
 use ndarray::Array3;
 
-/// The most voxels a grid may declare: a guard against files whose header asks for
-/// more memory than any machine has.
+/// The largest number of voxels of a grid: it protects against files whose header declares more
+/// memory than a computer has.
 pub const MAX_VOXELS: usize = 1 << 31;
 
 /// A regular grid of voxels. Voxel `[k, j, i]` (z, y, x) spans
@@ -21,7 +21,7 @@ pub struct Grid {
 }
 
 impl Grid {
-    /// A grid from its corner (km), voxel size (km) and shape `[nz, ny, nx]`.
+    /// Creates a grid from its corner (km), voxel size (km) and shape `[nz, ny, nx]`.
     ///
     /// # Errors
     /// A spacing that is not positive and finite, an origin that is not finite, an
@@ -60,7 +60,7 @@ impl Grid {
         self.spacing * DVec3::new(nx as f64, ny as f64, nz as f64)
     }
 
-    /// The middle of the grid (km).
+    /// The centre of the grid (km).
     pub fn center(&self) -> DVec3 {
         self.origin + 0.5 * self.extent()
     }
@@ -75,7 +75,7 @@ impl Grid {
         self.shape.iter().product()
     }
 
-    /// Never true: a grid has at least one voxel.
+    /// Always false, because a grid has at least one voxel.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
@@ -93,8 +93,8 @@ impl Grid {
         ]
     }
 
-    /// Whether two grids are the same: no corner further apart than a thousandth of a voxel, as
-    /// coordinates of single precision are.
+    /// Whether two grids agree: their shapes are equal, and their corners differ along each axis by
+    /// at most a thousandth of a voxel. This tolerance admits coordinates in single precision.
     pub fn matches(&self, other: &Grid) -> bool {
         let tolerance = self.spacing * 1e-3;
         let near = |one: DVec3, other: DVec3| (one - other).abs().cmple(tolerance).all();
@@ -103,7 +103,7 @@ impl Grid {
             && near(self.upper(), other.upper())
     }
 
-    /// An error unless `other` is this grid.
+    /// Returns an error unless `other` matches this grid.
     pub(crate) fn check_same(&self, what: &str, other: &Grid) -> Result<()> {
         self.check_shape(what, &other.shape)?;
         if self.matches(other) {
@@ -118,7 +118,7 @@ impl Grid {
         ))
     }
 
-    /// An error unless `shape` is this grid's.
+    /// Returns an error unless `shape` is the shape of this grid.
     pub(crate) fn check_shape(&self, what: &str, shape: &[usize]) -> Result<()> {
         if shape == self.shape {
             return Ok(());
@@ -135,31 +135,31 @@ impl Grid {
 /// A scalar field on a [`Grid`]: cell averages at cell centres, array `[z, y, x]`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Volume {
-    /// Where the voxels are.
+    /// The grid of the voxels.
     pub grid: Grid,
     /// The value of each voxel, shape `grid.shape`.
     pub values: Array3<f32>,
 }
 
 impl Volume {
-    /// A volume from its values.
+    /// Creates a volume from its values.
     ///
     /// # Errors
-    /// When the shape of `values` is not `grid.shape`.
+    /// A shape of `values` other than `grid.shape`.
     pub fn new(grid: Grid, values: Array3<f32>) -> Result<Self> {
         grid.check_shape("the volume", values.shape())?;
         Ok(Self { grid, values })
     }
 
-    /// The same value everywhere.
+    /// Creates a volume with the same value in every voxel.
     pub fn constant(grid: Grid, value: f32) -> Self {
         Self { grid, values: Array3::from_elem(grid.shape, value) }
     }
 
-    /// An error unless every value is finite and not negative.
+    /// Returns an error unless every value is finite and not negative.
     ///
     /// # Errors
-    /// Names `quantity`, the first voxel at fault and its value.
+    /// An [`Error::OutOfRange`] that names `quantity`, the first invalid voxel and its value.
     pub fn check_non_negative(&self, quantity: &'static str) -> Result<()> {
         match self.values.indexed_iter().find(|(_, value)| !(value.is_finite() && **value >= 0.0)) {
             None => Ok(()),
@@ -172,34 +172,34 @@ impl Volume {
     }
 }
 
-/// A yes or no for every voxel of a [`Grid`], array `[z, y, x]`.
+/// A boolean for every voxel of a [`Grid`], array `[z, y, x]`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Mask {
-    /// Where the voxels are.
+    /// The grid of the voxels.
     pub grid: Grid,
-    /// Whether each voxel is inside, shape `grid.shape`.
+    /// Whether each voxel is inside the mask, shape `grid.shape`.
     pub values: Array3<bool>,
 }
 
 impl Mask {
-    /// A mask from its values.
+    /// Creates a mask from its values.
     ///
     /// # Errors
-    /// When the shape of `values` is not `grid.shape`.
+    /// A shape of `values` other than `grid.shape`.
     pub fn new(grid: Grid, values: Array3<bool>) -> Result<Self> {
         grid.check_shape("the mask", values.shape())?;
         Ok(Self { grid, values })
     }
 
-    /// Number of voxels inside.
+    /// Number of voxels inside the mask.
     pub fn count(&self) -> usize {
         self.values.iter().filter(|inside| **inside).count()
     }
 
-    /// Set `volume` to zero outside the mask.
+    /// Sets `volume` to zero outside the mask.
     ///
     /// # Errors
-    /// When the volume is not on the mask's grid.
+    /// A volume that is not on the grid of the mask.
     pub fn apply(&self, volume: &mut Volume) -> Result<()> {
         self.grid.check_same("the volume under the mask", &volume.grid)?;
         ndarray::Zip::from(&mut volume.values).and(&self.values).for_each(|value, inside| {

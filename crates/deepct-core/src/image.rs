@@ -1,14 +1,14 @@
-//! Stacks of images, and the numbers that say how they were taken.
+//! Stacks of images and the description of their geometry.
 
 use crate::error::{Error, Result};
 use ndarray::{Array3, ArrayView2, Axis};
 use serde::{Deserialize, Serialize};
 
-/// One image: radiance by pixel (1/sr), array `[row, col]`, row to the north and
-/// column to the east.
+/// One image: the radiance of each pixel (1/sr), array `[row, col]`. Rows increase to the north and
+/// columns to the east.
 pub type Image<'a> = ArrayView2<'a, f32>;
 
-/// The images of one scene by several views, all of one size.
+/// The images of one scene from several views, all of the same size.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ViewStack {
     /// Radiance (1/sr), `[view, row, col]`.
@@ -16,10 +16,10 @@ pub struct ViewStack {
 }
 
 impl ViewStack {
-    /// A stack from its values.
+    /// Creates a stack from its values.
     ///
     /// # Errors
-    /// When an axis is empty or a value is not finite.
+    /// An empty axis or a value that is not finite.
     pub fn new(values: Array3<f32>) -> Result<Self> {
         if values.is_empty() {
             return Err(Error::out_of_range(
@@ -51,14 +51,14 @@ impl ViewStack {
         self.values.index_axis(Axis(0), view)
     }
 
-    /// The brightest pixel over all views (1/sr).
+    /// The largest radiance in all views (1/sr).
     pub fn brightest(&self) -> f32 {
         self.values.iter().copied().fold(f32::NEG_INFINITY, f32::max)
     }
 }
 
-/// The geometry of a stack of images in plain numbers: what weights are trained for
-/// and what images must match to be used with them.
+/// The imaging geometry of a stack of images in numbers. Network weights are trained for one such
+/// geometry, and the images they are applied to must match it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ViewGeometry {
@@ -70,21 +70,22 @@ pub struct ViewGeometry {
     pub view_zenith_deg: Vec<f64>,
     /// Azimuth towards each satellite, clockwise from north (degrees).
     pub view_azimuth_deg: Vec<f64>,
-    /// Size of a pixel at the target, by view (km): square-on to the line of sight of a
-    /// camera at a distance, in the horizontal plane for parallel rays.
+    /// Pixel size at the target for each view (km): perpendicular to the line of sight for a camera
+    /// at a finite distance, in the horizontal plane for parallel rays.
     pub pixel_km: Vec<f64>,
-    /// Distance of each camera from the target (km); none for parallel rays. Empty where it
-    /// is not known.
+    /// Distance of each camera from the target (km); `None` for parallel rays. Empty if the
+    /// distances are not known.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub camera_distance_km: Vec<Option<f64>>,
 }
 
-/// How a stack of images was taken: what a network compares with what it was trained for.
+/// The conditions under which a stack of images was taken; a network compares them with those of
+/// its training.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ImagingGeometry {
-    /// Angles of the Sun and the cameras, sizes of pixels.
+    /// Angles of the Sun and of the cameras, and pixel sizes.
     pub views: ViewGeometry,
-    /// The point x, y, z (km) that the middle of every image shows.
+    /// The point x, y, z (km) at the centre of every image.
     pub target_km: [f64; 3],
     /// Wavelength (um).
     pub wavelength_um: f64,

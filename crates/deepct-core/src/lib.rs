@@ -1,7 +1,7 @@
-//! deepct turns the images of a cloud, taken by several satellites at once, into the
-//! cloud: the 3D field of its extinction.
+//! deepct retrieves the three-dimensional extinction field of a cloud from images that several
+//! satellites take at the same time.
 //!
-//! Data flows one way, and the modules stand in that order:
+//! Data flow in one direction through the modules:
 //!
 //! ```text
 //! cloud -> optics -> scene -> transport -> sensor -> images
@@ -10,7 +10,7 @@
 //! truth + extinction -> metrics, plot
 //! ```
 //!
-//! The whole way, from a cloud to its images and back:
+//! A complete example, from a cloud to its images and back:
 //!
 //! ```
 //! use deepct_core::carve::{CarveSettings, carve};
@@ -36,7 +36,7 @@
 //! let mut estimate = network.infer(&observation.images, &observation.imaging_geometry()?)?;
 //! mask.apply(&mut estimate)?;
 //!
-//! // Nothing at all would score 1.
+//! // An estimate of zero everywhere has a relative error of 1.
 //! assert!(score(&extinction(&cloud)?, &estimate)?.relative_error < 0.9);
 //! # Ok::<(), deepct_core::Error>(())
 //! ```

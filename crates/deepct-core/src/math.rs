@@ -1,7 +1,7 @@
 //! Directions and rays.
 //!
-//! Right-handed axes: x east, y north, z up. Angles are in radians here; degrees
-//! exist only at the edges of the program, in names that end in `_deg`.
+//! Axes are right-handed: x east, y north, z up. Angles are in radians in this module; degrees
+//! occur only in inputs and outputs of the program, under names that end in `_deg`.
 
 pub use glam::DVec3;
 use pulp::WithSimd;
@@ -22,16 +22,16 @@ impl Ray {
     }
 }
 
-/// Unit vector that points to where an observer at the scene sees something at
-/// `zenith` from +z and `azimuth` clockwise from north (both in radians).
+/// Unit vector from the scene towards a point seen at the angle `zenith` from +z and at `azimuth`
+/// clockwise from north (both in radians).
 pub fn towards(zenith: f64, azimuth: f64) -> DVec3 {
     let (sin_zenith, cos_zenith) = zenith.sin_cos();
     let (sin_azimuth, cos_azimuth) = azimuth.sin_cos();
     DVec3::new(sin_zenith * sin_azimuth, sin_zenith * cos_azimuth, cos_zenith)
 }
 
-/// The zenith and azimuth (radians, azimuth in `[0, 2 pi)`) of a vector that points
-/// away from the scene; the inverse of [`towards`].
+/// The zenith angle and azimuth (radians, azimuth in `[0, 2 pi)`) of a vector that points away from
+/// the scene; the inverse of [`towards`].
 pub fn zenith_and_azimuth(vector: DVec3) -> (f64, f64) {
     let horizontal = vector.x.hypot(vector.y);
     let zenith = horizontal.atan2(vector.z);
@@ -41,11 +41,12 @@ pub fn zenith_and_azimuth(vector: DVec3) -> (f64, f64) {
     (zenith, vector.x.atan2(vector.y).rem_euclid(std::f64::consts::TAU))
 }
 
-/// Rotate the unit vector `axis` by a polar angle of the given cosine and an azimuth
-/// (radians) around itself: how a scattering angle becomes a new direction.
+/// Rotates the unit vector `axis` by a polar angle with the given cosine and by an `azimuth`
+/// (radians) about the original direction: it applies a scattering angle to a direction of
+/// propagation.
 ///
-/// The frame around `axis` is that of Duff et al. (2017), "Building an orthonormal
-/// basis, revisited", which has no special case at the poles.
+/// The frame around `axis` is that of Duff et al. (2017), "Building an orthonormal basis,
+/// revisited", which needs no special case at the poles.
 #[inline]
 pub fn deflect(axis: DVec3, cosine: f64, azimuth: f64) -> DVec3 {
     let sine = (1.0 - cosine * cosine).max(0.0).sqrt();
@@ -58,11 +59,11 @@ pub fn deflect(axis: DVec3, cosine: f64, azimuth: f64) -> DVec3 {
     (sine * cos_azimuth * tangent + sine * sin_azimuth * bitangent + cosine * axis).normalize()
 }
 
-/// Run code that is written for vectors of any width with those of the processor: 256 bits on x86-64 that
-/// has them.
+/// Runs code that is generic over the vector width with the vector instructions of the processor:
+/// 256 bits wide on x86-64 processors that support them.
 ///
-/// `pulp::Arch` would take 512 bits as well as soon as any crate of the program asks for them: arrays that
-/// are padded to eight numbers must not see sixteen.
+/// `pulp::Arch` would also select 512 bits as soon as any crate of the program enables them, but
+/// arrays padded to multiples of eight numbers do not allow vectors of sixteen.
 #[inline]
 pub(crate) fn with_vectors<Op: WithSimd>(op: Op) -> Op::Output {
     #[cfg(target_arch = "x86_64")]

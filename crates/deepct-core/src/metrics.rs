@@ -1,31 +1,31 @@
-//! Scores: how far an estimate is from the truth.
+//! Scores of an estimate against the truth.
 //!
-//! Every function takes the truth first. Sums are in f64. The estimate may be any
-//! finite field; the truth is an extinction and may not be empty, since every score
-//! is relative to it.
+//! Every function takes the truth first. Sums are accumulated in f64. The estimate may be any
+//! finite field; the truth is an extinction field and must not be zero everywhere, because every
+//! score is relative to it.
 
 use crate::error::{Error, Result};
 use crate::grid::{Grid, Mask, Volume};
 use ndarray::{ArrayView2, Axis};
 use serde::Serialize;
 
-/// How far one volume is from the truth.
+/// Scores of one estimate against the truth.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Scores {
     /// Relative error epsilon; see [`relative_error`].
     pub relative_error: f64,
     /// Relative error of the total extinction delta; see [`mass_error`].
     pub mass_error: f64,
-    /// Root of the mean squared difference over all voxels (1/km).
+    /// Root mean square difference over all voxels (1/km).
     pub root_mean_square_error: f64,
-    /// Pearson's correlation over all voxels; `None` where one of the two fields is
-    /// the same everywhere.
+    /// Pearson correlation coefficient over all voxels; `None` if one of the two fields is
+    /// constant.
     pub correlation: Option<f64>,
-    /// The same by altitude, from the lowest level up.
+    /// Scores of each horizontal level, from the lowest to the highest.
     pub profile: Vec<LevelScore>,
 }
 
-/// How far one horizontal level is from the truth.
+/// Scores of one horizontal level.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct LevelScore {
     /// Altitude of the voxel centres (km).
@@ -34,15 +34,15 @@ pub struct LevelScore {
     pub truth: f64,
     /// Mean extinction of the estimate (1/km).
     pub estimate: f64,
-    /// Relative error of the level; `None` where the truth is empty.
+    /// Relative error of the level; `None` if the truth is zero in the whole level.
     pub relative_error: Option<f64>,
 }
 
-/// How well a mask holds a cloud.
+/// Scores of a mask against the true cloud.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct MaskScores {
-    /// Share of the total extinction that is outside the mask: what no
-    /// reconstruction inside the mask can find.
+    /// Share of the total extinction that is outside the mask, which no reconstruction inside the
+    /// mask can recover.
     pub extinction_missed: f64,
     /// Share of the empty voxels that are inside the mask.
     pub false_positive: f64,
@@ -56,7 +56,7 @@ pub struct MaskScores {
 /// `epsilon = ||truth - estimate||_1 / ||truth||_1`.
 ///
 /// # Errors
-/// Volumes on different grids, a value that is not finite, an empty truth.
+/// Volumes on different grids, a value that is not finite, a truth that is zero everywhere.
 pub fn relative_error(truth: &Volume, estimate: &Volume) -> Result<f64> {
     check(truth, estimate)?;
     let difference: f64 =
@@ -64,9 +64,8 @@ pub fn relative_error(truth: &Volume, estimate: &Volume) -> Result<f64> {
     Ok(difference / norm(truth))
 }
 
-/// The paper's relative error of the total mass (Sde-Chen et al. 2021, section 5):
-/// `delta = (||truth||_1 - ||estimate||_1) / ||truth||_1`, positive where the
-/// estimate has too little.
+/// The paper's relative error of the total mass (Sde-Chen et al. 2021, section 5), positive if the
+/// estimate contains too little extinction: `delta = (||truth||_1 - ||estimate||_1) / ||truth||_1`.
 ///
 /// # Errors
 /// As [`relative_error`].
@@ -92,11 +91,11 @@ pub fn score(truth: &Volume, estimate: &Volume) -> Result<Scores> {
     })
 }
 
-/// How well `mask` holds the cloud `truth`: every voxel of positive extinction is
-/// cloud.
+/// Scores of `mask` against the cloud `truth`, in which every voxel with a positive extinction is
+/// cloudy.
 ///
 /// # Errors
-/// A mask on another grid, a truth that is not finite and positive somewhere.
+/// A mask on another grid, a truth with a negative or non-finite value or without a positive one.
 pub fn score_mask(truth: &Volume, mask: &Mask) -> Result<MaskScores> {
     check_grids(&truth.grid, &mask.grid)?;
     check_truth(truth)?;
@@ -121,7 +120,7 @@ pub fn score_mask(truth: &Volume, mask: &Mask) -> Result<MaskScores> {
     })
 }
 
-/// `part / whole`, and zero of nothing.
+/// `part / whole`, and 0 if `whole` is 0.
 fn share(part: usize, whole: usize) -> f64 {
     if whole == 0 { 0.0 } else { part as f64 / whole as f64 }
 }
@@ -135,7 +134,7 @@ fn norm(volume: &Volume) -> f64 {
     volume.values.iter().map(|value| f64::from(value.abs())).sum()
 }
 
-/// Pearson's correlation coefficient, by centred sums.
+/// Pearson correlation coefficient, from sums of deviations from the mean.
 fn correlation(truth: &Volume, estimate: &Volume) -> Option<f64> {
     let count = truth.grid.len() as f64;
     let (sum_a, sum_b) =
@@ -148,7 +147,7 @@ fn correlation(truth: &Volume, estimate: &Volume) -> Option<f64> {
         ab += a * b;
         bb += b * b;
     }
-    // A field counts as constant when its spread is no more than rounding errors.
+    // A field is treated as constant if its spread does not exceed rounding errors.
     let varies = |spread: f64, mean: f64| spread > count * (1e-12 * mean).powi(2);
     (varies(aa, mean_a) && varies(bb, mean_b)).then(|| ab / (aa * bb).sqrt())
 }
@@ -197,11 +196,11 @@ fn check(truth: &Volume, estimate: &Volume) -> Result<()> {
     }
 }
 
-/// An error unless `truth` is something to compare with: finite, nowhere negative and
-/// somewhere positive.
+/// Returns an error unless `truth` can be compared with: finite, not negative, and positive in at
+/// least one voxel.
 ///
 /// # Errors
-/// Names the value at fault.
+/// An [`Error::OutOfRange`] that names the invalid value.
 pub fn check_truth(truth: &Volume) -> Result<()> {
     truth.check_non_negative("true extinction")?;
     if norm(truth) == 0.0 {
@@ -244,7 +243,7 @@ mod tests {
         (a - b).abs() < 1e-12
     }
 
-    /// Worked by hand: |1| + |2| + |1| + 0 of 10, masses 10 and 10 - 1 - 2 + 1.
+    /// Calculated by hand: |1| + |2| + |1| + 0 of 10, masses 10 and 10 - 1 - 2 + 1.
     #[test]
     fn scores_of_four_voxels() {
         let truth = volume(array![[[1.0, 3.0]], [[0.0, 6.0]]]);
@@ -253,7 +252,7 @@ mod tests {
         assert!(close(scores.relative_error, 0.4));
         assert!(close(scores.mass_error, 0.2));
         assert!(close(scores.root_mean_square_error, 1.5_f64.sqrt()));
-        // Centred: (-1.5, 0.5, -2.5, 3.5) and (-2, -1, -1, 4).
+        // Deviations from the mean: (-1.5, 0.5, -2.5, 3.5) and (-2, -1, -1, 4).
         assert!(close(scores.correlation.unwrap(), 19.0 / (21.0_f64 * 22.0).sqrt()));
         let [low, high] = scores.profile[..] else { panic!("two levels") };
         assert!(close(low.altitude, 0.25) && close(high.altitude, 0.75));

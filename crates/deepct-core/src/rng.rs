@@ -1,8 +1,8 @@
-//! Random streams keyed by what they are for.
+//! Random number streams, each identified by its purpose.
 //!
-//! One seed per run; a [`stream`] is named by its [`Purpose`] and by the numbers of
-//! the thing it serves (view, pixel, ...), so a result does not depend on the number
-//! of threads or on the order of work.
+//! A run has one seed. A [`stream`] is identified by its [`Purpose`] and by the indices of the
+//! object it is used for (view, pixel, ...), so a result does not depend on the number of threads
+//! or on the order of computation.
 
 use rand::SeedableRng;
 pub use rand::{Rng, RngExt};
@@ -10,26 +10,26 @@ pub use rand::{Rng, RngExt};
 /// The generator of a stream: xoshiro256++ (Blackman and Vigna 2021).
 pub type Stream = rand_xoshiro::Xoshiro256PlusPlus;
 
-/// What a random stream is for. The number enters the key, so two purposes with the
-/// same indices are independent.
+/// The purpose of a random stream. Its number enters the key, so that two purposes with the same
+/// indices have independent streams.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Purpose {
     /// Cloud generation.
     Cloud = 1,
-    /// Light paths.
+    /// Photon paths of the Monte Carlo solver.
     Transport = 2,
     /// Sensor noise.
     Sensor = 3,
-    /// The choice of samples in a data set.
+    /// Selection of samples in a data set.
     Dataset = 4,
-    /// The sensitivity to each voxel in an inversion.
+    /// Estimation of the sensitivity to each voxel in an inversion.
     Inversion = 5,
-    /// What a validation looks at.
+    /// Selection of test cases in a validation.
     Validation = 6,
 }
 
-/// The stream of `seed` for `purpose` and `indices`.
+/// The random stream of `seed` for `purpose` and `indices`.
 pub fn stream(seed: u64, purpose: Purpose, indices: &[u64]) -> Stream {
     let key = indices
         .iter()
@@ -37,8 +37,8 @@ pub fn stream(seed: u64, purpose: Purpose, indices: &[u64]) -> Stream {
     Stream::seed_from_u64(key)
 }
 
-/// The finaliser of SplitMix64 (Steele, Lea and Flood 2014): one bit changed in the
-/// input changes half the bits of the output.
+/// The finaliser of SplitMix64 (Steele, Lea and Flood 2014): changing one bit of the input changes
+/// half of the bits of the output on average.
 fn mix(value: u64) -> u64 {
     let mut z = value.wrapping_add(0x9e37_79b9_7f4a_7c15);
     z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);

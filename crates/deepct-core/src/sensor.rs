@@ -1,9 +1,9 @@
-//! The sensor: from radiance to electrons to counts and back.
+//! Sensor model: conversion of radiance to electrons and grey levels, and back to radiance.
 //!
-//! Photons arrive at random, the pixel adds dark charge, the readout adds noise, and
-//! the converter rounds to grey levels and saturates. The variance of a pixel is that
-//! of the paper (Sde-Chen et al. 2021, section 2.2):
-//! `V = i + D dt + read^2 + g^2 / 12` in electrons squared.
+//! The number of photons is random, the pixel adds dark charge, the readout adds noise, and the
+//! analogue-to-digital converter rounds to grey levels and saturates. The variance of a pixel is
+//! that of the paper (Sde-Chen et al. 2021, section 2.2): `V = i + D dt + read^2 + g^2 / 12` in
+//! electrons squared.
 
 use crate::error::{Error, Result};
 use crate::image::ViewStack;
@@ -14,57 +14,57 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
-/// The most bits of a converter that is accepted.
+/// The largest number of bits of a converter that is accepted.
 const MAX_BITS: u32 = 24;
 
-/// A sensor by the numbers of its data sheet.
+/// Characteristics of a sensor as given in its data sheet.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Sensor {
-    /// The charge that fills a pixel (electrons).
+    /// Full well capacity: the charge at which a pixel saturates (electrons).
     pub full_well: f64,
-    /// Standard deviation of the readout (electrons).
+    /// Standard deviation of the readout noise (electrons).
     pub read_noise: f64,
-    /// Charge that gathers without light (electrons per second).
+    /// Dark current: charge that accumulates without light (electrons per second).
     pub dark_current: f64,
-    /// Bits of the converter: the full well is divided into `2^bits` grey levels.
+    /// Number of bits of the converter: the full well is divided into `2^bits` grey levels.
     pub bits: u32,
     /// Exposure time (seconds).
     pub exposure: f64,
-    /// Distance between pixels on the chip (um). It does not enter the noise: the
-    /// view says which part of the scene a pixel sees.
+    /// Distance between pixels on the detector (um). It does not affect the noise: the view defines
+    /// which part of the scene a pixel observes.
     pub pixel_pitch: f64,
 }
 
-/// How radiance becomes charge.
+/// Conversion of radiance to charge.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub enum Scale {
-    /// The brightest pixel over all views fills its well, as in the paper.
+    /// The brightest pixel of all views reaches the full well, as in the paper.
     BrightestAtFullWell,
-    /// Electrons for a radiance of 1/sr.
+    /// Number of electrons for a radiance of 1/sr.
     ElectronsPerRadiance(f64),
 }
 
-/// What a sensor made of a stack of images.
+/// The output of a sensor for a stack of images.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Sensed {
-    /// Radiance (1/sr) as read from the grey levels, the mean dark charge subtracted:
-    /// a pixel without light may come out slightly negative.
+    /// Radiance (1/sr) derived from the grey levels after subtraction of the mean dark charge: a
+    /// pixel without light may be slightly negative.
     pub images: ViewStack,
-    /// Standard deviation of each pixel's noise (1/sr), from the charge that was
-    /// read, as one who has only the images would say.
+    /// Standard deviation of the noise of each pixel (1/sr), estimated from the noisy charge, as is
+    /// possible with the images alone.
     pub noise: ViewStack,
-    /// The factor that was used (electrons sr).
+    /// The conversion factor that was used (electrons sr).
     pub electrons_per_radiance: f64,
 }
 
 impl Sensed {
-    /// The standard error of each pixel (1/sr): the sensor's noise and, where it is
-    /// known, the error that the images had before they were sensed.
+    /// The standard error of each pixel (1/sr): the noise of the sensor and, if `before` is given,
+    /// the standard error of the images before they were sensed, added in quadrature.
     ///
     /// # Errors
-    /// When `before` is of another shape than the images.
+    /// A `before` whose shape differs from that of the images.
     pub fn standard_error(&self, before: Option<&ViewStack>) -> Result<ViewStack> {
         let Some(before) = before else { return Ok(self.noise.clone()) };
         if before.shape() != self.noise.shape() {
@@ -93,15 +93,15 @@ impl Sensor {
         pixel_pitch: 5.5,
     };
 
-    /// The names of the presets.
+    /// Names of the presets.
     pub const PRESETS: [&'static str; 1] = ["cmv4000"];
 
-    /// The preset of that name.
+    /// The preset with the given name.
     pub fn preset(name: &str) -> Option<Self> {
         (name == "cmv4000").then_some(Self::CMV4000)
     }
 
-    /// A sensor from a TOML file with one line for each field of [`Sensor`].
+    /// Reads a sensor from a TOML file with one key for each field of [`Sensor`].
     ///
     /// # Errors
     /// A file that cannot be read, a missing or unknown key, a number out of range.
@@ -115,10 +115,10 @@ impl Sensor {
         Ok(sensor)
     }
 
-    /// An error unless every number is one that a sensor can have.
+    /// Returns an error unless every value is physically possible.
     ///
     /// # Errors
-    /// Names the first number at fault.
+    /// An [`Error::OutOfRange`] that names the first invalid value.
     pub fn check(&self) -> Result<()> {
         let positive = [
             ("full_well", self.full_well),
@@ -146,7 +146,7 @@ impl Sensor {
         Ok(())
     }
 
-    /// Electrons by grey level.
+    /// Electrons per grey level.
     pub fn electrons_per_count(&self) -> f64 {
         self.full_well / f64::from(1_u32 << self.bits)
     }
@@ -156,20 +156,20 @@ impl Sensor {
         self.dark_current * self.exposure
     }
 
-    /// The paper's variance of a pixel (electrons squared) in which light frees
-    /// `electrons` on average; saturation is not in it.
+    /// The paper's variance of the signal of a pixel (electrons squared) in which light releases
+    /// `electrons` on average; it does not account for saturation.
     pub fn variance(&self, electrons: f64) -> f64 {
         let gain = self.electrons_per_count();
         electrons + self.dark_charge() + self.read_noise * self.read_noise + gain * gain / 12.0
     }
 
-    /// One readout of a pixel in which light frees `electrons` on average, in
-    /// electrons: dark charge and noise are added, then the charge is rounded to a
-    /// grey level, then the mean dark charge is subtracted.
+    /// Simulates one readout of a pixel in which light releases `electrons` on average, and returns
+    /// it in electrons: dark charge and noise are added, the charge is rounded to a grey level, and
+    /// the mean dark charge is subtracted.
     fn read(&self, electrons: f64, read_noise: &Normal<f64>, random: &mut Stream) -> f64 {
         let expected = electrons + self.dark_charge();
-        // Not defined for a mean of zero, where no charge comes, nor for means so far
-        // above any well that the spread is lost in the saturation.
+        // The Poisson distribution cannot be created for a mean of zero, where there is no charge,
+        // nor for means so far above any full well that saturation hides their spread.
         let charge = Poisson::new(expected).map_or(expected, |poisson| poisson.sample(random));
         let signal = charge + read_noise.sample(random);
         let gain = self.electrons_per_count();
@@ -178,7 +178,7 @@ impl Sensor {
     }
 }
 
-/// An observation through a sensor.
+/// An observation as recorded by a sensor.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Exposure {
     /// The noisy images, with the standard error of each pixel.
@@ -187,8 +187,8 @@ pub struct Exposure {
     pub electrons_per_radiance: f64,
 }
 
-/// The images of an observation as a sensor sees them, see [`sense`]. Their standard error is that of
-/// the sensor and, where it is known, that of the images before.
+/// Applies a sensor to the images of an observation, see [`sense`]. The standard error of the
+/// result combines the sensor noise and, if known, the standard error of the clean images.
 ///
 /// # Errors
 /// As [`sense`].
@@ -199,12 +199,12 @@ pub fn expose(clean: &Observation, sensor: &Sensor, scale: Scale, seed: u64) -> 
     Ok(Exposure { observation, electrons_per_radiance: sensed.electrons_per_radiance })
 }
 
-/// What `sensor` makes of images without noise. The result depends on `seed` and not
-/// on the number of threads.
+/// Applies `sensor` to images without noise. The result depends on `seed` and not on the number of
+/// threads.
 ///
 /// # Errors
-/// A negative radiance, images without light where the brightest pixel sets the
-/// scale, a scale that is not positive, a sensor that fails [`Sensor::check`].
+/// A negative radiance, images without light if the brightest pixel defines the scale, a scale that
+/// is not positive, a sensor that fails [`Sensor::check`].
 pub fn sense(images: &ViewStack, sensor: &Sensor, scale: Scale, seed: u64) -> Result<Sensed> {
     sensor.check()?;
     check_radiance(images)?;
@@ -268,7 +268,7 @@ mod tests {
     use super::*;
     use ndarray::Array3;
 
-    /// The CMV4000 with twice the well and the same grey levels: nothing saturates at
+    /// The CMV4000 with twice the full well and grey levels of the same width: nothing saturates at
     /// 13,500 electrons.
     const DEEP: Sensor = Sensor { full_well: 27_000.0, bits: 11, ..Sensor::CMV4000 };
 
@@ -283,9 +283,9 @@ mod tests {
         (mean, square / (count - 1.0))
     }
 
-    /// Radiance 1 stands for one electron, so moments are in electrons. The mean of
-    /// n pixels has the variance V / n and, near enough to a Gaussian, their sample
-    /// variance has the relative variance 2 / (n - 1): both within 4 deviations.
+    /// A radiance of 1/sr corresponds to one electron, so moments are in electrons. The mean of n
+    /// pixels has the variance V / n. As the distribution is nearly Gaussian, their sample variance
+    /// has the relative variance 2 / (n - 1). Both must agree within 4 standard deviations.
     #[test]
     fn mean_and_variance_are_those_of_the_paper() {
         for (seed, electrons) in [60.0_f32, 135.0, 1350.0, 6750.0, 13_500.0].into_iter().enumerate()
@@ -307,7 +307,7 @@ mod tests {
         }
     }
 
-    /// Within half a unit of the last digit of the published ratios.
+    /// The ratios agree with the published ones within half a unit of the last digit.
     #[test]
     fn signal_to_noise_of_the_cmv4000() {
         for (electrons, ratio, half_digit) in
@@ -335,7 +335,7 @@ mod tests {
         }
         let saturated = counts.iter().filter(|count| count.round() == 1023.0).count();
         assert!(counts.iter().all(|count| count.round() <= 1023.0));
-        // The mean signal is 1024 levels and its noise 9: 56 % round to 1023 or more.
+        // The mean signal is 1024 levels and its noise 9: 56 % of the pixels round to 1023 or more.
         assert!((saturated as f64 / counts.len() as f64 - 0.563).abs() < 0.01);
         let far_above = Scale::ElectronsPerRadiance(1e30);
         let sensed = sense(&images, &sensor, far_above, 7).unwrap();

@@ -1,23 +1,23 @@
-//! The walk of a ray through the voxels of a grid, shared by transport and carving.
+//! Traversal of the voxels of a grid along a ray, shared by radiative transfer and space carving.
 //!
 //! Amanatides and Woo (1987), "A fast voxel traversal algorithm for ray tracing".
 
 use crate::grid::Grid;
 use crate::math::{DVec3, Ray};
 
-/// One voxel on the way of a ray.
+/// One voxel that a ray crosses.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Step {
     /// The voxel `[k, j, i]` (z, y, x).
     pub voxel: [usize; 3],
-    /// Distance from the ray's origin at which it enters the voxel (km).
+    /// Distance from the origin of the ray to the point where it enters the voxel (km).
     pub enter: f64,
-    /// Distance from the ray's origin at which it leaves the voxel (km).
+    /// Distance from the origin of the ray to the point where it leaves the voxel (km).
     pub exit: f64,
 }
 
-/// Distances (km) at which a ray enters and leaves the box between two corners, the
-/// part behind its origin left out; `None` when it misses.
+/// Distances (km) at which a ray enters and leaves the box between two corners, without the part
+/// behind the origin of the ray; `None` if the ray misses the box.
 #[inline]
 pub fn clip(ray: &Ray, lower: DVec3, upper: DVec3) -> Option<(f64, f64)> {
     let inverse = ray.direction.recip();
@@ -37,7 +37,7 @@ pub fn clip(ray: &Ray, lower: DVec3, upper: DVec3) -> Option<(f64, f64)> {
     (enter < exit).then_some((enter, exit))
 }
 
-/// The voxels of `grid` that `ray` passes, in order, without gaps.
+/// The voxels of `grid` that `ray` crosses, in order and without gaps.
 #[inline]
 pub fn walk(grid: &Grid, ray: &Ray) -> Walk {
     let shape = [grid.shape[2] as i64, grid.shape[1] as i64, grid.shape[0] as i64];
@@ -57,7 +57,8 @@ pub fn walk(grid: &Grid, ray: &Ray) -> Walk {
     let start = (ray.at(enter) - grid.origin) / grid.spacing;
     for axis in 0..3 {
         let direction = ray.direction[axis];
-        // On a face, or off by a rounding error: the voxel that the ray goes into.
+        // If the start is on a face, or beyond it by a rounding error, this is the voxel that the
+        // ray enters.
         let index = (start[axis].floor() as i64).clamp(0, shape[axis] - 1);
         walk.index[axis] = index;
         if direction == 0.0 {
@@ -73,7 +74,7 @@ pub fn walk(grid: &Grid, ray: &Ray) -> Walk {
     walk
 }
 
-/// The iterator made by [`walk`].
+/// The iterator returned by [`walk`].
 #[derive(Debug, Clone)]
 pub struct Walk {
     index: [i64; 3],
@@ -109,7 +110,7 @@ impl Iterator for Walk {
             } else {
                 self.at = self.end;
             }
-            // A corner is passed through voxels of no thickness: leave them out.
+            // At a corner the ray crosses voxels over a length of zero, which are omitted.
             if exit > enter {
                 return Some(Step { voxel, enter, exit });
             }

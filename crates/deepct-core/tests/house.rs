@@ -1,10 +1,10 @@
-//! The table of ARCHITECTURE.md, "Imports point one way", held against the sources.
+//! Checks the imports of the sources against the table in ARCHITECTURE.md, "Imports point one way".
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-/// Each module and the modules that it may import, in the order of the table, besides those of
-/// [`BASE`].
+/// Each module and the modules that it may import in addition to those of [`BASE`], in the order of
+/// the table.
 fn table() -> Vec<(String, Vec<String>)> {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../ARCHITECTURE.md");
     let text = std::fs::read_to_string(path).unwrap();
@@ -21,14 +21,14 @@ fn table() -> Vec<(String, Vec<String>)> {
         .collect()
 }
 
-/// What every module may import.
+/// The modules that every module may import.
 const BASE: [&str; 2] = ["error", "math"];
 
 fn sources() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("src")
 }
 
-/// All Rust files below a folder.
+/// All Rust files in a folder and its subfolders.
 fn rust_files(folder: &Path) -> Vec<PathBuf> {
     let mut files = Vec::new();
     for entry in std::fs::read_dir(folder).unwrap() {
@@ -43,22 +43,22 @@ fn rust_files(folder: &Path) -> Vec<PathBuf> {
     files
 }
 
-/// The module of the crate's root that a file belongs to; `lib` for the root itself.
+/// The top-level module to which a file belongs; `lib` for the crate root itself.
 fn module_of(file: &Path) -> String {
     let first = file.strip_prefix(sources()).unwrap().components().next().unwrap();
     Path::new(first.as_os_str()).file_stem().unwrap().to_str().unwrap().to_owned()
 }
 
-/// The code of a file without its comments and without the unit tests at its end, which
-/// may compare with whatever they like.
+/// The code of a file without its comments and without the unit tests at its end, which may import
+/// any module.
 fn code_of(file: &Path) -> String {
     let text = std::fs::read_to_string(file).unwrap();
     let code = text.split("#[cfg(test)]\nmod ").next().unwrap();
     code.lines().map(|line| line.split("//").next().unwrap()).collect::<Vec<_>>().join("\n")
 }
 
-/// The names of the crate's root that a text uses, in paths such as `crate::grid::Grid`
-/// and in groups such as `crate::{grid::Grid, rng}`.
+/// The names in the crate root that the code uses, in paths such as `crate::grid::Grid` and in
+/// groups such as `crate::{grid::Grid, rng}`.
 fn imports(code: &str) -> BTreeSet<String> {
     let mut found = BTreeSet::new();
     for (at, _) in code.match_indices("crate::") {
@@ -82,8 +82,7 @@ fn head(path: &str) -> Option<String> {
     (!name.is_empty()).then_some(name)
 }
 
-/// The first names of the paths of a `{...}` group, of which `group` begins after the
-/// opening brace.
+/// The first names of the paths in a `{...}` group; `group` is the code after the opening brace.
 fn heads_of_group(group: &str) -> Vec<String> {
     let (mut depth, mut start, mut heads) = (0, 0, Vec::new());
     for (at, letter) in group.char_indices() {
@@ -110,7 +109,7 @@ fn the_table_has_no_cycle_and_names_every_module() {
     for (at, (module, allowed)) in table.iter().enumerate() {
         for import in allowed {
             let above = table[..at].iter().any(|(name, _)| name == import);
-            assert!(above, "`{module}` may import `{import}`, so `{import}` stands above it");
+            assert!(above, "`{module}` may import `{import}`, so `{import}` must precede it");
         }
     }
     let root = std::fs::read_to_string(sources().join("lib.rs")).unwrap();
@@ -120,7 +119,7 @@ fn the_table_has_no_cycle_and_names_every_module() {
         .map(|name| name.trim_end_matches(';'));
     for module in declared {
         let listed = table.iter().any(|(name, _)| name == module);
-        assert!(listed, "lib.rs has a module `{module}` that the table does not name");
+        assert!(listed, "lib.rs has a module `{module}` that is not in the table");
     }
 }
 
@@ -142,7 +141,7 @@ fn imports_point_one_way() {
                 wrong.push(format!("{}: `{module}` imports `crate::{import}`", file.display()));
             }
         }
-        // A way round the table: `super` of a module's first file is the root itself.
+        // `super` in the first file of a module is the crate root and would bypass the table.
         let first = file.ends_with(format!("src/{module}.rs"))
             || file.ends_with(format!("src/{module}/mod.rs"));
         if code.contains("super::super::") || (first && code.contains("super::")) {

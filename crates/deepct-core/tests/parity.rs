@@ -1,5 +1,5 @@
-//! The network against PyTorch in float64, on the fixtures that `parity/generate.py`
-//! wrote. The published layouts, 33 and 81 layers deep, are compared by weights_tools.
+//! Compares the network with PyTorch in float64, on the fixtures written by `parity/generate.py`.
+//! weights_tools compares the published architectures with 33 and 81 layers.
 
 use deepct_core::conv::{Algorithm, Kernel, Settings};
 use deepct_core::io::read_weights;
@@ -7,7 +7,8 @@ use deepct_core::network::Network;
 use safetensors::SafeTensors;
 use std::path::{Path, PathBuf};
 
-/// Largest error over largest value. Winograd's larger tiles round several times more.
+/// Tolerance of the largest error divided by the largest value. The rounding errors of Winograd's
+/// larger tiles are several times larger.
 fn tolerance(algorithm: Algorithm) -> f32 {
     if algorithm == Algorithm::WinogradF4 { 1e-5 } else { 2e-6 }
 }
@@ -16,7 +17,7 @@ fn fixture(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/parity").join(name)
 }
 
-/// The images that `generate.py` makes.
+/// The same images as in `generate.py`.
 fn images(count: usize) -> Vec<f32> {
     (0..count).map(|index| ((index * 7919 + index / 97 * 31) % 128) as f32 / 128.0).collect()
 }
@@ -46,7 +47,7 @@ fn compare(name: &str) {
             let differences = found.iter().zip(&expected).map(|(a, b)| (a - b).abs());
             let error = differences.fold(0.0, f32::max) / largest;
             let what = format!("{name} {size_name} {} {}", kernel.name(), algorithm.name());
-            assert!(largest > 0.1, "{what}: PyTorch's answer is too small to compare");
+            assert!(largest > 0.1, "{what}: PyTorch's output is too small to compare");
             assert!(error <= tolerance(algorithm), "{what}: {error:e}");
             println!("{what}: {error:.1e}");
         }

@@ -1,5 +1,5 @@
-//! Radiative transfer against published and independent numbers, a few seconds each.
-//! The same suites with less noise: `deepct validate --long`.
+//! Validation of the radiative transfer against published and independent results; each test takes
+//! a few seconds. `deepct validate --long` runs the same suites with less noise.
 
 use deepct_core::grid::{Grid, Volume};
 use deepct_core::math::{DVec3, Ray, deflect, towards};
@@ -44,7 +44,7 @@ fn the_step_cloud_is_that_of_another_code() {
     suite_holds(Suite::Step, 100_000);
 }
 
-/// A lumpy cloud of 8 x 8 x 8 voxels, optical depth about 8.
+/// An inhomogeneous cloud of 8 x 8 x 8 voxels with an optical depth of about 8.
 fn lumps(albedo: f64) -> Medium {
     let grid = Grid::new(DVec3::new(0.0, 0.0, 0.5), DVec3::splat(0.05), [8, 8, 8]).unwrap();
     let values = Array3::from_shape_fn(grid.shape, |(k, j, i)| {
@@ -101,14 +101,15 @@ fn a_bare_surface_reflects_its_albedo() {
     }
 }
 
-/// A thin box scatters light once: the radiance is the integral of the source along
-/// the line of sight, in closed form where neither the ray nor the beam meets a side.
+/// Single scattering in a box with low single-scattering albedo. The radiance is the integral of
+/// the source along the line of sight, which has a closed form if neither the line of sight nor the
+/// solar beam crosses a side.
 #[test]
 fn a_thin_box_scatters_once() {
     let grid =
         Grid::new(DVec3::new(-5.0, -5.0, 0.0), DVec3::new(1.0, 1.0, 0.1), [10, 10, 10]).unwrap();
     let phase = PhaseFunction::henyey_greenstein(0.6).unwrap();
-    // Nearly all light that is scattered twice would be absorbed in between.
+    // With this single-scattering albedo the contribution of twice-scattered light is negligible.
     let albedo = 1e-3;
     let sun = Sun::from_degrees(35.0, 70.0).unwrap();
     let (extinction, mu0) = (0.8, sun.zenith.cos());
@@ -127,8 +128,8 @@ fn a_thin_box_scatters_once() {
     }
 }
 
-/// Nothing is lost between a conservative medium, air, a white surface and open sky: what
-/// comes in through the top goes out through it, whatever the field.
+/// With a conservative medium, a molecular atmosphere and a white surface, the flux that leaves
+/// through the top equals the incident flux, for any extinction field.
 #[test]
 fn a_white_world_reflects_all_light() {
     for (interpolation, air) in [
@@ -142,7 +143,8 @@ fn a_white_world_reflects_all_light() {
         let surface = Surface { altitude: 0.3, ..Surface::lambertian(1.0) };
         let scene = Scene::new(medium, sun, surface).unwrap().with_boundary(Boundary::Periodic);
         let scene = Scene { air, ..scene };
-        // Rays through the top, as many from each direction as its flux counts.
+        // Rays through the top, with directions distributed in proportion to their contribution
+        // to the flux.
         let mut rng = stream(5, Purpose::Transport, &[]);
         let rays: Vec<Ray> = (0..2000)
             .map(|_| {
@@ -164,8 +166,8 @@ fn a_white_world_reflects_all_light() {
     }
 }
 
-/// All light that a finite cloud sends from the Sun to the camera is the same when
-/// the two change places (Helmholtz; von Helmholtz 1856).
+/// Reciprocity (von Helmholtz 1856): the total light that a finite cloud scatters from the Sun to
+/// the camera is unchanged if Sun and camera are exchanged.
 #[test]
 fn sun_and_camera_may_change_places() {
     let directions = [(20.0, 80.0), (55.0, 310.0)];
@@ -177,7 +179,8 @@ fn sun_and_camera_may_change_places() {
         let away = towards(camera.0.to_radians(), camera.1.to_radians());
         let view = View::orthographic(away, target, 0.05, [40, 40]).unwrap();
         let found = mean(&draw(&scene, &[view], monte_carlo(400, None)), 0);
-        // Pixels lie in the horizontal plane: seen square-on they are smaller.
+        // Pixels are defined in the horizontal plane; their area normal to the line of sight is
+        // smaller by the cosine of the view zenith angle.
         Radiance { mean: found.mean * away.z, standard_error: found.standard_error * away.z }
     };
     let there = total(directions[0], directions[1]);
@@ -185,7 +188,8 @@ fn sun_and_camera_may_change_places() {
     agree("reciprocity", there, total(directions[1], directions[0]), 0.0);
 }
 
-/// A lossy, open or periodic cloud in air above a bright sea with waves.
+/// An absorbing cloud with open or periodic sides, in a molecular atmosphere above a bright ocean
+/// surface with waves.
 fn world(boundary: Boundary) -> Scene {
     let surface = Surface {
         altitude: 0.3,
@@ -196,7 +200,7 @@ fn world(boundary: Boundary) -> Scene {
     scene.with_boundary(boundary).with_air(Air::new(0.35).unwrap())
 }
 
-/// The image seen from far above has the flux that photons from the Sun have.
+/// The upward flux from radiances above the atmosphere equals that of photons traced from the Sun.
 #[test]
 fn images_and_photons_agree() {
     let in_air = world(Boundary::Periodic);
@@ -230,8 +234,8 @@ fn radiance_of(share: Share) -> Radiance {
     Radiance { mean: share.mean, standard_error: share.standard_error }
 }
 
-/// All light is somewhere: what the four faces and the droplets take is what came, and so is
-/// what is in space, in the surface and in the droplets in the end.
+/// Energy conservation: the net fluxes through the faces and the absorption by droplets sum to the
+/// incident flux, as do the fluxes to space and into the surface and the absorption by droplets.
 #[test]
 fn light_is_neither_made_nor_lost() {
     for boundary in [Boundary::Open, Boundary::Periodic] {
@@ -255,7 +259,7 @@ fn light_is_neither_made_nor_lost() {
     }
 }
 
-/// The similar medium is an approximation, but a close one.
+/// The similar medium is a close approximation of the exact one.
 #[test]
 fn the_similar_medium_is_nearly_the_same() {
     let scene = Scene::new(lumps(1.0), Sun::default(), Surface::OCEAN).unwrap();
@@ -270,7 +274,7 @@ fn the_similar_medium_is_nearly_the_same() {
     }
 }
 
-/// Air so thin that light is scattered in it once: single scattering on the whole line of
+/// Single scattering in a molecular atmosphere of very low optical depth, along the whole line of
 /// sight, above a black surface.
 #[test]
 fn thin_air_scatters_once() {
@@ -289,13 +293,13 @@ fn thin_air_scatters_once() {
         let air_mass = 1.0 / mu + 1.0 / mu0;
         let expected = air.phase_function().density(-sun.towards().dot(away)) / (mu * air_mass)
             * (1.0 - (-depth * air_mass).exp());
-        // Light that is scattered twice is of the order of the optical depth.
+        // The relative contribution of twice-scattered light is of the order of the optical depth.
         agree("thin air", found, exactly(expected), 3.0 * depth * expected);
         assert!(found.standard_error < 0.02 * expected, "{found:?}");
     }
 }
 
-/// The mirror image of the Sun in the waves, seen through nothing.
+/// Sunglint of an ocean surface with waves, without cloud or molecular atmosphere.
 #[test]
 fn a_bare_sea_mirrors_the_sun() {
     let medium =
@@ -312,7 +316,7 @@ fn a_bare_sea_mirrors_the_sun() {
         assert!((found - expected).abs() < 1e-9, "{found} {expected}");
         found
     };
-    // Opposite to the Sun it is far brighter than beside it.
+    // The sunglint in the specular direction is far brighter than at an azimuth 90 degrees away.
     assert!(radiance(30.0, 0.0) > 20.0 * radiance(30.0, 90.0));
 }
 
@@ -362,8 +366,8 @@ fn the_image_is_the_same_for_any_number_of_threads() {
     assert_eq!(alone, image(5));
 }
 
-/// The lumps with droplets of 8 um below and 12 um above, of which every property is
-/// that of `albedo` and `asymmetry` by radius.
+/// The cloud of [`lumps`] with droplets of 8 um in its lower half and 12 um in its upper half.
+/// `optics` is the single-scattering albedo and asymmetry parameter for these two radii.
 fn droplets(optics: [(f64, f64); 2]) -> Medium {
     let nodes =
         [8.0, 12.0].into_iter().zip(optics).map(|(effective_radius, (albedo, g))| DropletOptics {
@@ -384,8 +388,9 @@ fn droplets(optics: [(f64, f64); 2]) -> Medium {
     Medium { scattering: Scattering::Droplets { effective_radius, table }, ..medium }
 }
 
-/// Droplets of different radii but of the same optics are no different from a uniform
-/// medium, and light that meets absorbing droplets above is lost whatever is below.
+/// Droplets of different radii but with the same optical properties give the same images as a
+/// uniform medium. Absorbing droplets in the upper half absorb more light than those in the lower
+/// half.
 #[test]
 fn each_voxel_scatters_as_its_own_droplets_do() {
     let black = |medium| Scene::new(medium, Sun::default(), Surface::BLACK).unwrap();

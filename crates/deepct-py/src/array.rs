@@ -1,5 +1,5 @@
-//! Arrays in and out: NumPy arrays, and what NumPy can make one of, such as xarray's
-//! `DataArray`.
+//! Conversion of array arguments and results: NumPy arrays, and objects that NumPy can convert to
+//! an array, such as xarray's `DataArray`.
 
 use numpy::ndarray::{Array3, ArrayView3};
 use numpy::{IntoPyArray, PyArray3, PyArrayMethods, PyReadonlyArray3};
@@ -12,34 +12,37 @@ pub(crate) const VOLUME: [&str; 3] = ["z", "y", "x"];
 /// The axes of a stack of images.
 pub(crate) const IMAGES: [&str; 3] = ["view", "row", "col"];
 
-/// A three-dimensional array of 32-bit floats that Python owns. It is not copied when
-/// it is one already.
+/// A three-dimensional array of 32-bit floats owned by Python. An argument that already is a
+/// C-contiguous array of this type is not copied.
 pub(crate) struct Floats<'py>(PyReadonlyArray3<'py, f32>);
 
 impl<'py> Floats<'py> {
-    /// The array that `object` is, whose axes have the names `axes`.
+    /// Convert `object`, whose axes must be `axes`.
     ///
     /// # Errors
-    /// `TypeError` for what is not numbers, `ValueError` for another number of axes, and
-    /// for named axes (of xarray) in another order.
+    /// `TypeError` if `object` does not hold real numbers; `ValueError` if it does not have three
+    /// axes, or if it is an xarray object with these axes in another order.
     pub(crate) fn new(object: &Bound<'py, PyAny>, name: &str, axes: [&str; 3]) -> PyResult<Self> {
         let array = numbers(object, name, axes, "fiub")?;
         let array = array.call_method1("astype", ("float32", "C", "unsafe", true, false))?;
         Ok(Self(array.cast_into::<PyArray3<f32>>()?.try_readonly()?))
     }
 
-    /// The values, without a copy.
+    /// A view of the values, without a copy.
     pub(crate) fn view(&self) -> ArrayView3<'_, f32> {
         self.0.as_array()
     }
 
-    /// The values as an array of the library's own: one copy.
+    /// A copy of the values, owned by the library.
     pub(crate) fn to_owned(&self) -> Array3<f32> {
         self.view().as_standard_layout().into_owned()
     }
 }
 
-/// The array of booleans that `object` is, copied, whose axes have the names `axes`.
+/// Convert `object`, whose axes must be `axes`, to an array of booleans. The values are copied.
+///
+/// # Errors
+/// As [`Floats::new`], with booleans in place of real numbers.
 pub(crate) fn booleans(
     object: &Bound<'_, PyAny>,
     name: &str,
@@ -74,8 +77,8 @@ fn numbers<'py>(
     Ok(array)
 }
 
-/// Refuse an xarray object whose axes have our names in another order. Other names say
-/// nothing and are let through.
+/// Refuse an xarray object that has the expected axis names in another order. An object with any
+/// other axis names is accepted, as its order cannot be checked.
 fn check_names(object: &Bound<'_, PyAny>, name: &str, axes: [&str; 3]) -> PyResult<()> {
     let Ok(dims) = object.getattr("dims") else { return Ok(()) };
     let Ok(dims) = dims.cast_into::<PyTuple>() else { return Ok(()) };
@@ -91,7 +94,7 @@ fn check_names(object: &Bound<'_, PyAny>, name: &str, axes: [&str; 3]) -> PyResu
     Ok(())
 }
 
-/// Hand an array over to Python, without a copy.
+/// Transfer an array to Python, without a copy.
 pub(crate) fn give<T: numpy::Element>(py: Python<'_>, values: Array3<T>) -> Py<PyArray3<T>> {
     values.into_pyarray(py).unbind()
 }

@@ -1,4 +1,4 @@
-//! `carve`: which voxels the images allow to hold cloud.
+//! `carve`: the voxels that may contain cloud, given the images.
 
 use crate::array::{Floats, IMAGES, give};
 use crate::error::raise;
@@ -10,36 +10,40 @@ use deepct_core::scene::{Light, Observation};
 use numpy::PyArray3;
 use pyo3::prelude::*;
 
-/// A carved mask and what it was made with.
+/// A carved cloud mask and the radiance threshold that it is based on.
 ///
 /// Attributes
 /// ----------
 /// mask : numpy.ndarray, bool, [z, y, x]
-///     The voxels that are kept. One that no view has a vote on is kept.
+///     True in the voxels that may contain cloud. A voxel on which no view has a vote is kept.
 /// threshold : float
-///     The radiance (1/sr) above which a pixel was taken as cloudy.
+///     The radiance (1/sr) above which a pixel was classified as cloudy.
 #[pyclass(frozen, module = "deepct_py", get_all)]
 pub(crate) struct Carved {
     mask: Py<PyArray3<bool>>,
     threshold: f32,
 }
 
-/// Carve a grid by the images of a cloud: keep the voxels that enough views vote for.
+/// Carve a cloud mask from images: keep the voxels that a sufficient fraction of the views see
+/// as cloudy.
+///
+/// A view votes for a voxel when one of its cloudy pixels sees some part of the voxel, and against
+/// it when it sees the whole voxel and none of those pixels is cloudy. Otherwise it has no vote.
 ///
 /// Parameters
 /// ----------
 /// radiance : array, [view, row, col]
 ///     Images (1/sr).
 /// views : Views or sequence of View
-///     How they were taken, one for each image.
+///     The camera geometry of each image.
 /// grid : Grid
-///     Where the voxels are.
+///     The grid of the mask.
 /// threshold : float, optional
-///     A pixel is cloudy above this radiance (1/sr). Found from the histogram of all
-///     images where it is not given.
-/// agreement : float
-///     A voxel is kept when at least this share of the views that have a vote on it vote
-///     for it.
+///     A pixel is cloudy above this radiance (1/sr). By default the threshold is derived from the
+///     distribution of the radiances of all images.
+/// agreement : float, optional
+///     A voxel is kept when at least this fraction of the views that have a vote on it vote for
+///     it (0 to 1). Default: 0.9.
 ///
 /// Returns
 /// -------
@@ -48,8 +52,7 @@ pub(crate) struct Carved {
 /// Raises
 /// ------
 /// ValueError
-///     Images that do not fit the views, a number out of range, or images in which no
-///     threshold can be found.
+///     The images do not match the views, or a parameter is out of range.
 #[pyfunction]
 #[pyo3(signature = (radiance, views, grid, *, threshold = None, agreement = None))]
 pub(crate) fn carve(
@@ -65,7 +68,7 @@ pub(crate) fn carve(
     let radiance = Floats::new(radiance, "radiance", IMAGES)?.to_owned();
     let carved = py
         .detach(|| {
-            // Carving does not ask where the light came from.
+            // Carving does not depend on the scene illumination.
             let images = ViewStack::new(radiance)?;
             let observation = Observation::new(Light::default(), views.0, images)?;
             deepct_core::carve::carve(&observation, &grid.0, &settings)

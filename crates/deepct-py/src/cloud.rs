@@ -1,4 +1,4 @@
-//! `generate_cloud`: a cloud made up from a seed.
+//! `generate_cloud`: a synthetic cloud from a seed.
 
 use crate::array::give;
 use crate::error::raise;
@@ -12,20 +12,20 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use serde::de::DeserializeOwned;
 
-/// A cloud made up from a seed.
+/// A synthetic cloud.
 ///
 /// Attributes
 /// ----------
 /// grid : Grid
-///     Where the voxels are.
+///     The grid of the arrays.
 /// extinction : numpy.ndarray, float32, [z, y, x]
 ///     Extinction (1/km).
 /// liquid_water_content : numpy.ndarray, float32, [z, y, x]
 ///     Liquid water content (g/m3).
 /// effective_radius : numpy.ndarray, float32, [z, y, x]
-///     Effective radius of the droplets (um), zero where there is no water.
+///     Effective radius of the droplets (um); zero where there is no liquid water.
 /// effective_variance : numpy.ndarray, float32, [z, y, x]
-///     Effective variance of the droplet sizes.
+///     Effective variance of the droplet size distribution (1).
 #[pyclass(frozen, module = "deepct_py", get_all)]
 pub(crate) struct Cloud {
     grid: Grid,
@@ -35,20 +35,20 @@ pub(crate) struct Cloud {
     effective_variance: Py<PyArray3<f32>>,
 }
 
-/// Make up a cloud from a seed: the same seed, the same cloud.
+/// Generate a synthetic cloud. The same seed gives the same cloud.
 ///
 /// Parameters
 /// ----------
 /// grid : Grid, optional
-///     Where the voxels are; 32 x 32 columns of 50 m for a cumulus, 128 x 128 for a field,
-///     in levels of 40 m, where it is not given.
+///     The grid of the cloud. Default: 32 x 32 columns for a cumulus, 128 x 128 for a field, each
+///     50 m wide, with levels of 40 m.
 /// kind : str
-///     `"cumulus"`, one cloud in the middle of its grid, or `"field"`, a periodic field.
+///     `"cumulus"` (one cloud in the middle of the grid) or `"field"` (a periodic cloud field).
 /// seed : int
-///     Seed of the random numbers.
+///     Seed of the random number generator.
 /// **settings
-///     The settings of the command line, such as `width_km` or `droplets_per_cm3`:
-///     `deepct config cloud-cumulus` and `cloud-field` print them.
+///     Settings of the generator, such as `width_km` or `droplets_per_cm3`. The commands
+///     `deepct config cloud-cumulus` and `deepct config cloud-field` list them.
 ///
 /// Returns
 /// -------
@@ -57,9 +57,9 @@ pub(crate) struct Cloud {
 /// Raises
 /// ------
 /// TypeError
-///     An unknown setting, or a value of a wrong type.
+///     A setting is unknown or has a value of the wrong type.
 /// ValueError
-///     A setting out of range, or a cloud that does not fit into its grid.
+///     A setting is out of range, or the cloud does not fit into the grid.
 #[pyfunction]
 #[pyo3(signature = (grid = None, *, kind = "cumulus", seed = 1, **settings))]
 pub(crate) fn generate_cloud(
@@ -89,11 +89,14 @@ pub(crate) fn generate_cloud(
     give_cloud(py, cloud.map_err(raise)?)
 }
 
-/// Settings from keywords, over the defaults.
+/// Settings from keyword arguments; settings that are not given have their defaults.
+///
+/// # Errors
+/// `TypeError` for an unknown keyword or a value of the wrong type.
 pub(crate) fn read<T: DeserializeOwned>(keywords: &Bound<'_, PyDict>) -> PyResult<T> {
     let py = keywords.py();
     let options = PyDict::new(py);
-    // Numbers and arrays of NumPy.
+    // NumPy numbers and arrays are serialised by their method `tolist`.
     options
         .set_item("default", py.import("operator")?.call_method1("methodcaller", ("tolist",))?)?;
     let text = py.import("json")?.call_method("dumps", (keywords,), Some(&options))?;

@@ -1,4 +1,4 @@
-//! Errors of the library as exceptions of Python.
+//! Conversion of library errors to Python exceptions.
 
 use deepct_core::Error;
 use pyo3::PyErr;
@@ -8,12 +8,12 @@ pyo3::create_exception!(
     deepct_py,
     DeepctError,
     pyo3::exceptions::PyException,
-    "A file was opened, but what it holds cannot be used."
+    "A file could be opened, but its contents cannot be used."
 );
 
-/// `ValueError` for an argument, `OSError` (or the subclass that its number asks for, such
-/// as `FileNotFoundError`) where the operating system refused, [`DeepctError`] for the
-/// contents of a file.
+/// The exception for an error: `ValueError` for an invalid argument, `OSError` (or the subclass
+/// for its error number, such as `FileNotFoundError`) for an error of the operating system,
+/// [`DeepctError`] for invalid contents of a file.
 pub(crate) fn raise(error: Error) -> PyErr {
     match error {
         Error::OutOfRange { .. } | Error::Mismatch { .. } => {
@@ -21,7 +21,7 @@ pub(crate) fn raise(error: Error) -> PyErr {
         }
         Error::Io { path, source } => match source.raw_os_error() {
             Some(number) => {
-                // Python says the number itself.
+                // Python adds the error number to the message itself.
                 let text = source.to_string();
                 let text = text.split(" (os error").next().unwrap_or_default().to_owned();
                 PyOSError::new_err((number, text, path.into_os_string()))

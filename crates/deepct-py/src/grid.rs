@@ -1,4 +1,4 @@
-//! `Grid`: where the voxels are.
+//! `Grid`: the regular grid of a volume.
 
 use crate::error::raise;
 use deepct_core::grid;
@@ -17,12 +17,12 @@ use pyo3::prelude::*;
 /// spacing : (float, float, float)
 ///     Voxel size along x, y, z (km).
 /// origin : (float, float, float)
-///     The south-west-bottom corner (km).
+///     The south-west-bottom corner of the grid along x, y, z (km).
 ///
 /// Raises
 /// ------
 /// ValueError
-///     A spacing that is not positive, an axis without voxels, too many voxels.
+///     A spacing is not positive, an axis has no voxels, or the grid has too many voxels.
 #[pyclass(frozen, eq, from_py_object, module = "deepct_py")]
 #[derive(Clone, Copy, PartialEq)]
 pub(crate) struct Grid(pub(crate) grid::Grid);
@@ -50,31 +50,31 @@ impl Grid {
         self.0.spacing.into()
     }
 
-    /// The south-west-bottom corner (km).
+    /// The south-west-bottom corner of the grid along x, y, z (km).
     #[getter]
     fn origin(&self) -> (f64, f64, f64) {
         self.0.origin.into()
     }
 
-    /// The middle of the grid (km).
+    /// The centre of the grid along x, y, z (km).
     #[getter]
     fn center(&self) -> (f64, f64, f64) {
         self.0.center().into()
     }
 
-    /// Voxel centres to the east (km).
+    /// Coordinates of the voxel centres along x, towards the east (km).
     #[getter]
     fn x<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
         self.axis(py, 0)
     }
 
-    /// Voxel centres to the north (km).
+    /// Coordinates of the voxel centres along y, towards the north (km).
     #[getter]
     fn y<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
         self.axis(py, 1)
     }
 
-    /// Voxel centres upwards (km).
+    /// Altitudes of the voxel centres (km).
     #[getter]
     fn z<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
         self.axis(py, 2)

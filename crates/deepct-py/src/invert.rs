@@ -1,4 +1,4 @@
-//! `invert` and `hybrid`: from images to extinction by physics.
+//! `invert` and `hybrid`: retrieval of the extinction with a forward model.
 
 use crate::array::{Floats, IMAGES, VOLUME, booleans, give};
 use crate::cloud::read;
@@ -22,20 +22,21 @@ use numpy::ndarray::Array3;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-/// What an inversion came to.
+/// The result of an inversion.
 ///
 /// Attributes
 /// ----------
 /// extinction : numpy.ndarray, float32, [z, y, x]
 ///     Extinction (1/km), 0 outside the mask.
 /// mask : numpy.ndarray, bool, [z, y, x]
-///     Where cloud was looked for.
+///     The voxels in which the extinction was retrieved.
 /// history : list of dict
-///     What was reached, step by step: `block`, `iteration`, `seconds`, `misfit`, `value`,
-///     `evaluations` and, where the truth was given, `relative_error` and `mass_error`.
+///     One entry for each step, with the keys `stage`, `block`, `iteration`, `seconds`, `misfit`,
+///     `value` (of the cost function), `evaluations` and, if the true extinction was given,
+///     `relative_error` and `mass_error`.
 /// ending : str
-///     Why it ended: "noise" (the misfit is what the noise explains), "iterations" (all
-///     steps were taken) or "stalled" (steps did not lower the misfit any more).
+///     The reason for termination: "noise" (the noise explains the misfit), "iterations" (the
+///     maximum number of steps was reached) or "stalled" (the cost function no longer decreased).
 #[pyclass(frozen, module = "deepct_py", get_all)]
 pub(crate) struct Reconstruction {
     extinction: Py<PyArray3<f32>>,
@@ -44,7 +45,7 @@ pub(crate) struct Reconstruction {
     ending: String,
 }
 
-/// Arrays and settings of both functions, converted.
+/// The converted arguments that `invert` and `hybrid` have in common.
 struct Request {
     observation: Observation,
     mask: Option<Array3<bool>>,
@@ -53,7 +54,7 @@ struct Request {
 }
 
 impl Request {
-    /// The mask that was given, or else is carved.
+    /// The given mask or, if there is none, the mask carved from the images.
     fn mask(&mut self, grid: deepct_core::grid::Grid) -> Result<Mask> {
         match self.mask.take() {
             Some(values) => Mask::new(grid, values),
@@ -83,32 +84,35 @@ impl Request {
 
 type Answer = inversion::Reconstruction;
 
-/// Invert images: the extinction whose computed images are those given.
+/// Retrieve the extinction whose simulated images match the given images.
 ///
-/// A deterministic solver gives images and their exact derivatives; a bounded quasi-Newton
-/// method fits them, on grids from coarse to fine where the start is a number.
+/// The discrete-ordinates solver computes the images and their exact derivatives. A bounded
+/// quasi-Newton method fits them to the given images, on successively finer grids if `start` is a
+/// constant.
 ///
 /// Parameters
 /// ----------
 /// radiance : array, [view, row, col]
 ///     Images (1/sr).
 /// views : Views or sequence of View
-///     How they were taken, one for each image.
+///     The camera geometry of each image.
 /// grid : Grid
-///     Where the voxels are.
+///     The grid of the extinction.
 /// light : Light, optional
-///     The light that they were taken in.
-/// start : float, array [z, y, x] or "auto"
-///     Extinction (1/km) to start from; "auto" takes the number that fits the images best.
+///     Scene illumination of the images. Default: `Light()`.
+/// start : float, array [z, y, x] or "auto", optional
+///     Initial extinction (1/km). "auto" selects the constant that fits the images best.
+///     Default: 0.01.
 /// mask : array of bool, [z, y, x], optional
-///     Where cloud is looked for; carved from the images where it is not given.
+///     The voxels in which the extinction is retrieved. By default the mask is carved from the
+///     images with `carve`.
 /// standard_error : array, [view, row, col], optional
 ///     Standard error of each pixel (1/sr).
 /// truth : array, [z, y, x], optional
-///     The true extinction: the history then tells how far each step is from it.
-/// settings
-///     Keywords: the settings that `deepct config invert` prints under `[inversion]`, such
-///     as `iterations`.
+///     The true extinction (1/km). If it is given, the history contains the errors of each step.
+/// **settings
+///     Settings of the inversion, such as `iterations`. The command `deepct config invert` lists
+///     them under `[inversion]`.
 ///
 /// Returns
 /// -------
@@ -117,15 +121,15 @@ type Answer = inversion::Reconstruction;
 /// Raises
 /// ------
 /// TypeError
-///     An unknown setting, or a value of a wrong type.
+///     A setting is unknown or has a value of the wrong type.
 /// ValueError
-///     Arrays that do not fit each other, a number out of range.
+///     The shapes of the arrays do not match, or a parameter is out of range.
 #[pyfunction]
 #[pyo3(signature = (
     radiance, views, grid, light = None, *, start = None, mask = None, standard_error = None,
     truth = None, **settings,
 ))]
-// Keywords with defaults on the side that users see.
+// In Python these are keyword arguments with defaults.
 #[allow(clippy::too_many_arguments)]
 pub(crate) fn invert(
     py: Python<'_>,
@@ -164,23 +168,25 @@ pub(crate) fn invert(
     give_reconstruction(py, solved)
 }
 
-/// The network, then the inversion from its answer.
+/// Retrieve the extinction with the hybrid method: an inversion that starts from the estimate of
+/// the network.
 ///
 /// Parameters
 /// ----------
 /// radiance : array, [view, row, col]
 ///     Images (1/sr).
 /// views : Views or sequence of View
-///     How they were taken, one for each image.
+///     The camera geometry of each image.
 /// network : Network
-///     The network; the answer is on `network.grid(views)`.
+///     The network. The result is on `network.grid(views)`.
 /// light : Light, optional
-///     The light that they were taken in.
+///     Scene illumination of the images. Default: `Light()`.
 /// quick : bool
-///     Take 12 steps only, corrected once by the accurate solver.
+///     Use the quick hybrid method: 12 steps and one correction by the accurate solver.
 /// mask : array of bool, [z, y, x], optional
-///     Where cloud is looked for; carved from the images where it is not given.
-/// standard_error, truth, settings
+///     The voxels in which the extinction is retrieved. By default the mask is carved from the
+///     images with `carve`.
+/// standard_error, truth, **settings
 ///     As in `invert`.
 ///
 /// Returns
@@ -190,10 +196,10 @@ pub(crate) fn invert(
 /// Raises
 /// ------
 /// TypeError
-///     An unknown setting, or a value of a wrong type.
+///     A setting is unknown or has a value of the wrong type.
 /// ValueError
-///     Images that are not what the weights are for; arrays that do not fit each other, a
-///     number out of range.
+///     The images do not have the geometry that the network was trained for, the shapes of the
+///     arrays do not match, or a parameter is out of range.
 #[pyfunction]
 #[pyo3(signature = (
     radiance, views, network, light = None, *, quick = false, mask = None, standard_error = None,

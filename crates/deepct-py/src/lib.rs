@@ -1,8 +1,9 @@
 //! The Python module of deepct: the stages of the library as functions on NumPy arrays.
 //!
-//! Thin wrappers and no physics: each converts its arguments, releases the interpreter's
-//! lock, calls the stage of the same name and hands the arrays over without a copy. The
-//! comments here are what `help()` shows; types stand in `python/deepct_py/__init__.pyi`.
+//! The functions contain no physics. Each converts its arguments, releases the global interpreter
+//! lock, calls the library function of the same name and returns the resulting arrays without a
+//! copy. The doc comments are the docstrings that `help()` shows; the type annotations are in
+//! `python/deepct_py/__init__.pyi`.
 
 mod array;
 mod carve;

@@ -1,4 +1,4 @@
-//! `Light`: everything about a scene but the cloud.
+//! `Light`: the scene illumination, that is, all properties of a scene except the cloud.
 
 use crate::error::raise;
 use deepct_core::scene;
@@ -7,55 +7,56 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use std::collections::BTreeMap;
 
-/// Values by the keys of the library.
+/// Values by their keys in the library, such as `optics.phase`.
 type Values = BTreeMap<String, toml::Value>;
 
-/// The light of a scene: Sun, wavelength, droplet optics, molecular atmosphere, surface and lateral
-/// boundaries. All values are keywords; what is not given has its default.
+/// Scene illumination: Sun, wavelength, droplet optics, molecular atmosphere, surface and lateral
+/// boundaries. All parameters are keywords; the value after each type is the default.
 ///
 /// Parameters
 /// ----------
 /// sun_zenith_deg : float, 30
 ///     Angle between the zenith and the Sun (degrees), in [0, 90).
 /// sun_azimuth_deg : float, 45
-///     Azimuth towards the Sun, clockwise from north (degrees).
+///     Azimuth of the direction towards the Sun, clockwise from north (degrees).
 /// solar_irradiance : float, 1
-///     Solar irradiance on a surface normal to the beam; radiances are in its unit per steradian.
+///     Solar irradiance on a surface normal to the beam; radiances have this unit per steradian.
 /// wavelength : float, 0.672
 ///     Wavelength (um).
 /// air : bool, False
-///     Whether there is the molecular (Rayleigh) atmosphere.
+///     Whether the scene includes the molecular (Rayleigh-scattering) atmosphere.
 /// surface_albedo : float, 0.05
 ///     Lambertian albedo of the surface.
 /// surface_altitude_km : float, 0
 ///     Altitude of the surface (km).
 /// wind_speed : float, optional
-///     Wind speed over the sea (m/s), whose waves reflect sunlight.
+///     Wind speed over the ocean (m/s), the waves of which reflect sunlight. By default the
+///     surface has no waves.
 /// periodic : bool, False
-///     Whether the grid is repeated without end beyond its horizontal sides.
+///     Whether the scene is periodic in the horizontal directions.
 /// phase : str, "hg"
 ///     Phase function: "hg" (Henyey and Greenstein), "mie" or "isotropic".
 /// extinction : str, "geometric"
-///     Extinction of a cloud that is known by its droplets: "geometric" or "mie".
+///     Extinction efficiency for clouds given by their droplets: "geometric" (2) or "mie".
 /// asymmetry : float, 0.86
-///     Asymmetry parameter ("hg").
+///     Asymmetry parameter (only for the phase function "hg").
 /// single_scattering_albedo : float, 1
-///     Single-scattering albedo ("hg", "isotropic").
+///     Single-scattering albedo (only for "hg" and "isotropic").
 /// distribution : str, "gamma"
-///     Droplet size distribution: "gamma" or "lognormal" ("mie").
+///     Shape of the droplet size distribution: "gamma" or "lognormal" (only for "mie").
 /// bandwidth : float, 0
-///     Width of the spectral band (um) around the wavelength ("mie").
+///     Width of the spectral band (um) centred on the wavelength (only for "mie").
 /// effective_variance : float, 0.1
-///     Effective variance of the droplet size distribution ("mie").
+///     Effective variance of the droplet size distribution (only for "mie").
 /// effective_radius : float, optional
-///     Effective radius of all droplets (um) ("mie").
+///     Effective radius of all droplets (um) (only for "mie").
 ///
 /// Raises
 /// ------
 /// TypeError
-///     An unknown keyword.
+///     A keyword is unknown.
 /// ValueError
-///     A value of a wrong type or out of range.
+///     A value has the wrong type or is out of range.
 #[pyclass(frozen, eq, from_py_object, module = "deepct_py")]
 #[derive(Clone, PartialEq)]
 pub(crate) struct Light(pub(crate) scene::Light);
@@ -76,8 +77,8 @@ impl Light {
         Self(scene::Light::default()).replace(values)
     }
 
-    /// The light that a file of images states, opened by xarray. What it does not state has its
-    /// default; a warning names it.
+    /// The scene illumination stored in an image file that was opened with xarray. Values that the
+    /// file does not state have their defaults and are listed in a warning.
     #[staticmethod]
     fn from_dataset(dataset: &Bound<'_, PyAny>) -> PyResult<Self> {
         let py = dataset.py();
@@ -113,7 +114,7 @@ impl Light {
         scene::Light::default().with_values(&values).map(Self).map_err(raise)
     }
 
-    /// The same light with other values of some keywords.
+    /// A copy with other values of the given keywords.
     #[pyo3(signature = (**values), text_signature = "($self, **values)")]
     fn replace(&self, values: Option<&Bound<'_, PyDict>>) -> PyResult<Self> {
         let mut given = Values::new();
@@ -131,7 +132,7 @@ impl Light {
         self.0.with_values(&given).map(Self).map_err(raise)
     }
 
-    /// Its values by keyword; those that are not set are absent.
+    /// The values by keyword. Optional values that are not set are absent.
     fn to_dict<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let values = PyDict::new(py);
         for (key, value) in self.0.values() {
@@ -163,12 +164,12 @@ impl Light {
     }
 }
 
-/// The light that an argument gives, or the default one.
+/// The light given as an argument, or the default.
 pub(crate) fn or_default(light: Option<Light>) -> scene::Light {
     light.map_or_else(scene::Light::default, |light| light.0)
 }
 
-/// A key of the library as a keyword.
+/// The Python keyword for a key of the library.
 fn plain(key: &str) -> &str {
     key.rsplit('.').next().unwrap_or(key)
 }

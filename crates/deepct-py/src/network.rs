@@ -1,4 +1,4 @@
-//! `Network`: from images to extinction.
+//! `Network`: estimation of the extinction by the neural network.
 
 use crate::array::{Floats, IMAGES, VOLUME, booleans, give};
 use crate::error::raise;
@@ -17,20 +17,20 @@ use std::path::PathBuf;
 /// Values of a volume, `[z, y, x]`.
 type Field = Py<PyArray3<f32>>;
 
-/// A network with its weights, ready to run. Made by `Network.load`.
+/// A neural network with its weights. Construct it with `Network.load`.
 #[pyclass(frozen, module = "deepct_py")]
 pub(crate) struct Network(network::Network);
 
 #[pymethods]
 impl Network {
-    /// A network from a weights file (safetensors), or from the module itself by name.
+    /// Load a network from a weights file (safetensors), or a built-in network by its name.
     ///
     /// Raises
     /// ------
     /// OSError
-    ///     A file that cannot be read.
+    ///     The file cannot be read.
     /// DeepctError
-    ///     A file that is damaged, or holds no weights of this program.
+    ///     The file is damaged or does not contain weights of deepct.
     #[staticmethod]
     fn load(py: Python<'_>, name_or_path: PathBuf) -> PyResult<Self> {
         py.detach(|| network::Network::new(&io::load_weights(&name_or_path)?))
@@ -38,37 +38,37 @@ impl Network {
             .map_err(raise)
     }
 
-    /// The names that `load` takes instead of a file.
+    /// The names of the built-in networks, which `load` accepts in place of a file.
     #[staticmethod]
     fn built_in() -> Vec<&'static str> {
         io::built_in_weights().collect()
     }
 
-    /// What the weights are for and where they come from, as the file says.
+    /// The metadata of the weights file: view geometry, grid, training data and scores.
     #[getter]
     fn metadata<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let text = serde_json::to_string(self.0.metadata()).expect("plain numbers and text");
         Ok(py.import("json")?.call_method1("loads", (text,))?.cast_into()?)
     }
 
-    /// The grid of the extinction that `infer` gives for images by `views`: one column of
-    /// voxels for each pixel, around the point that the images show in their middle.
+    /// The grid of the extinction that `infer` returns for images with the geometry `views`. It
+    /// has one column of voxels for each pixel and is centred horizontally on the target.
     fn grid(&self, views: ViewSequence) -> PyResult<Grid> {
         self.grid_of(&views.0).map(Grid).map_err(raise)
     }
 
-    /// Infer the extinction of a cloud from its images.
+    /// Estimate the extinction of a cloud from its images.
     ///
     /// Parameters
     /// ----------
     /// radiance : array, [view, row, col]
     ///     Images (1/sr).
     /// views : Views or sequence of View
-    ///     How they were taken.
+    ///     The camera geometry of each image.
     /// light : Light, optional
-    ///     The light that they were taken in; Sun and wavelength count.
+    ///     Scene illumination of the images; only Sun and wavelength are used.
     /// mask : array of bool, [z, y, x], optional
-    ///     Extinction is set to zero outside, such as outside what `carve` keeps.
+    ///     Cloud mask, for example from `carve`. The extinction is set to zero outside the mask.
     ///
     /// Returns
     /// -------
@@ -78,8 +78,8 @@ impl Network {
     /// Raises
     /// ------
     /// ValueError
-    ///     Images that are not what the weights are for, with the number that differs; a
-    ///     mask of another shape.
+    ///     The images do not have the geometry that the network was trained for (the message
+    ///     states the value that differs), or the mask has the wrong shape.
     #[pyo3(signature = (radiance, views, light = None, *, mask = None))]
     fn infer(
         &self,
@@ -93,15 +93,15 @@ impl Network {
         Ok(estimate.0)
     }
 
-    /// As `infer`, with the uncertainty.
+    /// Estimate the extinction and its uncertainty. The parameters are those of `infer`.
     ///
     /// Returns
     /// -------
     /// extinction : numpy.ndarray, float32, [z, y, x]
     ///     Extinction (1/km) on `grid(views)`.
     /// uncertainty : numpy.ndarray, float32, [z, y, x], or None
-    ///     Expected absolute error of the extinction of each voxel (1/km), where the weights
-    ///     tell it.
+    ///     Expected absolute error of the extinction of each voxel (1/km); None if the network
+    ///     does not estimate it.
     #[pyo3(signature = (radiance, views, light = None, *, mask = None))]
     fn estimate(
         &self,

@@ -1,4 +1,4 @@
-//! `render`: from an extinction field to its images.
+//! `render`: simulation of the images of an extinction field.
 
 use crate::array::{Floats, VOLUME, give};
 use crate::error::raise;
@@ -14,67 +14,73 @@ use deepct_core::transport::{self, MonteCarloSettings, OrdinatesSettings, Solver
 use numpy::PyArray3;
 use pyo3::prelude::*;
 
-/// Light paths of each pixel where neither their number nor the noise is given.
+/// Photon paths per pixel if neither their number nor the noise is given.
 const SAMPLES: u32 = 256;
-/// The most of them where the noise is given.
+/// Maximum number of photon paths per pixel if the noise is given.
 const MOST_SAMPLES: u32 = 1 << 24;
 
-/// Images of a scene.
+/// Simulated images of a scene.
 ///
 /// Attributes
 /// ----------
 /// radiance : numpy.ndarray, float32, [view, row, col]
-///     Radiance (1/sr for a Sun of unit irradiance), the mean over each pixel's area.
+///     Radiance (1/sr for a solar irradiance of 1), averaged over the area of each pixel.
 /// standard_error : numpy.ndarray, float32, [view, row, col], or None
-///     Standard error of each pixel (1/sr); None by a solver without noise.
+///     Standard error of each pixel (1/sr); None for the discrete-ordinates solver.
 /// samples_per_pixel : int
-///     Photon paths of each pixel; 0 by a solver that follows none.
+///     Number of photon paths per pixel; 0 for the discrete-ordinates solver.
 /// light : Light
-///     The light that they were made in, with the mean effective radius of the droplets.
+///     Scene illumination of the images, with the mean effective radius of the droplets.
+/// estimated_error : float or None
+///     Estimated relative error of the bright pixels by the deterministic solver.
 #[pyclass(frozen, module = "deepct_py", get_all)]
 pub(crate) struct Rendering {
     radiance: Py<PyArray3<f32>>,
     standard_error: Option<Py<PyArray3<f32>>>,
     samples_per_pixel: u32,
     light: Light,
+    estimated_error: Option<f64>,
 }
 
-/// Render the images of an extinction field.
+/// Simulate images of an extinction field.
 ///
-/// Backward Monte Carlo: paths start in a pixel, scatter by chance, and look at the Sun
-/// from each scattering. The same seed gives the same images, whatever the number of
-/// threads. Or discrete ordinates: without noise, in seconds, bright pixels about 1 % off.
+/// The Monte Carlo solver traces photon paths backwards from each pixel and adds the sunlight
+/// scattered into the path at each scattering event. The same seed gives the same images for any
+/// number of threads. The discrete-ordinates solver is free of noise and takes seconds; its error
+/// in bright pixels is about 1 %.
 ///
 /// Parameters
 /// ----------
 /// extinction : array, [z, y, x]
 ///     Extinction (1/km).
 /// grid : Grid
-///     Where the voxels are.
+///     The grid of the extinction.
 /// views : Views or sequence of View
-///     The cameras, all of one image size.
+///     The cameras, all with the same image size.
 /// light : Light, optional
-///     Sun, wavelength, droplet optics, atmosphere and surface.
+///     Scene illumination: Sun, wavelength, droplet optics, molecular atmosphere and surface.
+///     Default: `Light()`.
 /// solver : str
-///     "monte-carlo" or "ordinates"; `samples_per_pixel`, `noise`, `seed` and
-///     `similarity_after` are for the former.
+///     "monte-carlo" or "ordinates". The parameters `samples_per_pixel`, `noise`, `seed` and
+///     `similarity_after` apply to "monte-carlo" only.
 /// samples_per_pixel : int, optional
-///     Light paths of each pixel, the most of them where `noise` is given. 256, or as many
-///     as `noise` wants, where it is not given.
+///     Number of photon paths per pixel; if `noise` is given, the maximum number. Default: 256,
+///     or as many as required to reach `noise`.
 /// noise : float, optional
-///     Go on until the standard error of the bright pixels is this share of their radiance,
-///     such as 0.01: the root mean square over all pixels that are at least half as bright
-///     as the brightest one of their view.
+///     Add photon paths until the relative standard error of the bright pixels has fallen to this
+///     value, for example 0.01. It is the root mean square over all pixels that are at least half
+///     as bright as the brightest pixel of their view.
 /// seed : int
-///     Seed of the random numbers.
+///     Seed of the random number generator.
 /// effective_radius : array, [z, y, x], optional
-///     Effective radius of the droplets of each voxel (um), for a light whose phase function is
-///     "mie", in place of its `effective_radius`. Extinction stays as it is given.
+///     Effective radius of the droplets in each voxel (um), in place of the `effective_radius` of
+///     the light. The phase function of the light must be "mie". The extinction is not changed.
 /// trilinear : bool
-///     Extinction is trilinear between voxel centres, not constant in each voxel.
+///     Interpolate the extinction trilinearly between voxel centres. By default it is constant in
+///     each voxel.
 /// similarity_after : int, optional
-///     After this many scatterings a path goes on in a similar medium without a forward
-///     peak: faster and less noisy, but biased.
+///     Number of scattering events after which a path continues in equivalent media with a
+///     reduced forward peak: faster and less noisy, but biased. By default the paths are unbiased.
 ///
 /// Returns
 /// -------
@@ -83,14 +89,14 @@ pub(crate) struct Rendering {
 /// Raises
 /// ------
 /// ValueError
-///     A shape that is not the grid's, a negative or non-finite extinction, a number out
-///     of range.
+///     The shape of an array is not that of the grid, an extinction is negative or not finite, or
+///     a parameter is out of range.
 #[pyfunction]
 #[pyo3(signature = (
     extinction, grid, views, light = None, *, solver = "monte-carlo", samples_per_pixel = None,
     noise = None, seed = 1, effective_radius = None, trilinear = false, similarity_after = None,
 ))]
-// Keywords with defaults on the side that users see.
+// In Python these are keyword arguments with defaults.
 #[allow(clippy::too_many_arguments)]
 pub(crate) fn render(
     py: Python<'_>,
@@ -124,7 +130,10 @@ pub(crate) fn render(
             seed,
             similarity_after,
         }),
-        "ordinates" => Solver::Ordinates(OrdinatesSettings::default()),
+        "ordinates" => Solver::Ordinates(OrdinatesSettings {
+            estimate_error: true,
+            ..OrdinatesSettings::default()
+        }),
         _ => {
             let known = "\"monte-carlo\" or \"ordinates\"";
             return Err(raise(Error::out_of_range("solver", format!("\"{solver}\""), known)));
@@ -148,5 +157,6 @@ pub(crate) fn render(
         standard_error: rendering.standard_error.map(|stack| give(py, stack.values)),
         samples_per_pixel: rendering.samples_per_pixel,
         light: Light(light),
+        estimated_error: rendering.estimated_error,
     })
 }

@@ -1,4 +1,4 @@
-//! `score`: how far an estimate is from the truth.
+//! `score`: errors of an estimate of the extinction.
 
 use crate::array::{Floats, VOLUME};
 use crate::error::raise;
@@ -9,50 +9,50 @@ use numpy::ndarray::Array1;
 use numpy::{IntoPyArray, PyArray1};
 use pyo3::prelude::*;
 
-/// How far one volume is from the truth.
+/// Errors of an estimated extinction field relative to the true field.
 #[pyclass(frozen, module = "deepct_py")]
 pub(crate) struct Scores(metrics::Scores);
 
 #[pymethods]
 impl Scores {
-    /// epsilon = ||truth - estimate||_1 / ||truth||_1 (Sde-Chen et al. 2021).
+    /// Relative error epsilon = ||truth - estimate||_1 / ||truth||_1 (Sde-Chen et al. 2021).
     #[getter]
     fn relative_error(&self) -> f64 {
         self.0.relative_error
     }
 
-    /// delta = (||truth||_1 - ||estimate||_1) / ||truth||_1 (Sde-Chen et al. 2021):
-    /// positive where the estimate has too little.
+    /// Mass error delta = (||truth||_1 - ||estimate||_1) / ||truth||_1 (Sde-Chen et al. 2021):
+    /// positive if the estimate contains too little extinction.
     #[getter]
     fn mass_error(&self) -> f64 {
         self.0.mass_error
     }
 
-    /// Root of the mean squared difference over all voxels (1/km).
+    /// Root mean square difference over all voxels (1/km).
     #[getter]
     fn root_mean_square_error(&self) -> f64 {
         self.0.root_mean_square_error
     }
 
-    /// Pearson's correlation over all voxels; None where one field is constant.
+    /// Pearson correlation coefficient over all voxels; None if one field is constant.
     #[getter]
     fn correlation(&self) -> Option<f64> {
         self.0.correlation
     }
 
-    /// Mean of the truth by level (1/km), [z].
+    /// Mean of the true extinction at each level (1/km), [z].
     #[getter]
     fn truth_by_level<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
         self.by_level(py, |level| level.truth)
     }
 
-    /// Mean of the estimate by level (1/km), [z].
+    /// Mean of the estimated extinction at each level (1/km), [z].
     #[getter]
     fn estimate_by_level<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
         self.by_level(py, |level| level.estimate)
     }
 
-    /// Relative error by level, [z]; NaN where the truth is empty.
+    /// Relative error at each level, [z]; NaN at levels where the true extinction is zero.
     #[getter]
     fn relative_error_by_level<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
         self.by_level(py, |level| level.relative_error.unwrap_or(f64::NAN))
@@ -77,7 +77,7 @@ impl Scores {
     }
 }
 
-/// The scores of an estimate against the truth, both on one grid.
+/// Compute the errors of an estimated extinction field. Both fields must be on the same grid.
 ///
 /// Parameters
 /// ----------
@@ -91,7 +91,7 @@ impl Scores {
 /// Raises
 /// ------
 /// ValueError
-///     Different shapes, a value that is not finite, an empty truth.
+///     The shapes differ, a value is not finite, or the true field is zero everywhere.
 #[pyfunction]
 pub(crate) fn score(
     py: Python<'_>,
@@ -101,7 +101,7 @@ pub(crate) fn score(
     let truth = Floats::new(truth, "truth", VOLUME)?.to_owned();
     let estimate = Floats::new(estimate, "estimate", VOLUME)?.to_owned();
     py.detach(|| {
-        // Scores do not depend on where the voxels are, only on which is which.
+        // The scores do not depend on the position and size of the voxels.
         let (nz, ny, nx) = truth.dim();
         let grid = Grid::new(DVec3::ZERO, DVec3::ONE, [nz, ny, nx])?;
         metrics::score(&Volume::new(grid, truth)?, &Volume::new(grid, estimate)?)

@@ -1,4 +1,4 @@
-//! `sense`: what a sensor makes of images.
+//! `sense`: simulation of the sensor.
 
 use crate::array::{Floats, IMAGES, give};
 use crate::error::raise;
@@ -9,22 +9,22 @@ use numpy::PyArray3;
 use pyo3::prelude::*;
 use std::path::PathBuf;
 
-/// A sensor by the numbers of its data sheet.
+/// An image sensor, described by the parameters of its data sheet.
 ///
 /// Parameters
 /// ----------
 /// full_well : float
-///     The charge that fills a pixel (electrons).
+///     Full-well capacity of a pixel (electrons).
 /// read_noise : float
-///     Standard deviation of the readout (electrons).
+///     Standard deviation of the read noise (electrons).
 /// dark_current : float
-///     Charge that gathers without light (electrons per second).
+///     Dark current (electrons per second).
 /// bits : int
-///     Bits of the converter.
+///     Number of bits of the analogue-to-digital converter.
 /// exposure : float
 ///     Exposure time (seconds).
 /// pixel_pitch : float
-///     Distance between pixels on the chip (um); it does not enter the noise.
+///     Distance between pixels on the sensor (um); it does not affect the noise.
 #[pyclass(frozen, eq, from_py_object, module = "deepct_py", get_all)]
 #[derive(Clone, Copy, PartialEq)]
 pub(crate) struct Sensor {
@@ -53,7 +53,7 @@ impl Sensor {
         Ok(sensor)
     }
 
-    /// The sensor of that name: `"cmv4000"`.
+    /// A predefined sensor by its name: `"cmv4000"`.
     #[staticmethod]
     fn preset(name: &str) -> PyResult<Self> {
         sensor::Sensor::preset(name).map(Self::from).ok_or_else(|| {
@@ -62,7 +62,14 @@ impl Sensor {
         })
     }
 
-    /// A sensor from a TOML file with one line for each parameter.
+    /// Read a sensor from a TOML file that gives every parameter of `Sensor`.
+    ///
+    /// Raises
+    /// ------
+    /// OSError
+    ///     The file cannot be read.
+    /// DeepctError
+    ///     The contents of the file are invalid.
     #[staticmethod]
     fn from_file(path: PathBuf) -> PyResult<Self> {
         sensor::Sensor::from_file(&path).map(Self::from).map_err(raise)
@@ -92,16 +99,16 @@ impl From<sensor::Sensor> for Sensor {
     }
 }
 
-/// What a sensor made of a stack of images.
+/// Images as measured by a sensor.
 ///
 /// Attributes
 /// ----------
 /// radiance : numpy.ndarray, float32, [view, row, col]
-///     Radiance (1/sr) as read from the grey levels, the mean dark charge subtracted.
+///     Radiance (1/sr) derived from the grey levels, after subtraction of the mean dark charge.
 /// noise : numpy.ndarray, float32, [view, row, col]
-///     Standard deviation of each pixel's noise (1/sr), from the charge that was read.
+///     Standard deviation of the noise of each pixel (1/sr), estimated from the measured charge.
 /// electrons_per_radiance : float
-///     The factor that was used (electrons sr).
+///     The factor between radiance and charge (electrons sr).
 #[pyclass(frozen, module = "deepct_py", get_all)]
 pub(crate) struct Sensed {
     radiance: Py<PyArray3<f32>>,
@@ -109,28 +116,28 @@ pub(crate) struct Sensed {
     electrons_per_radiance: f64,
 }
 
-/// A sensor, or the name of one.
+/// A sensor, or the name of a predefined one.
 #[derive(FromPyObject)]
 pub(crate) enum SensorChoice {
-    /// By its numbers.
+    /// The sensor itself.
     Sensor(Sensor),
-    /// By its name.
+    /// The name of a predefined sensor.
     Name(String),
 }
 
-/// What a sensor makes of images: photon, dark, read and quantisation noise.
+/// Simulate the measurement of images by a sensor: photon, dark, read and quantisation noise.
 ///
 /// Parameters
 /// ----------
 /// radiance : array, [view, row, col]
-///     Images without noise (1/sr).
-/// sensor : Sensor or str
-///     The sensor or the name of one; the CMV4000 where it is not given.
+///     Noise-free images (1/sr).
+/// sensor : Sensor or str, optional
+///     The sensor, or the name of a predefined one. Default: `"cmv4000"`.
 /// electrons_per_radiance : float, optional
-///     Electrons for a radiance of 1/sr. Where it is not given, the brightest pixel over all
-///     views fills its well.
+///     Number of electrons for a radiance of 1/sr. By default the brightest pixel over all views
+///     reaches the full-well capacity.
 /// seed : int
-///     Seed of the random numbers.
+///     Seed of the random number generator.
 ///
 /// Returns
 /// -------
@@ -139,7 +146,7 @@ pub(crate) enum SensorChoice {
 /// Raises
 /// ------
 /// ValueError
-///     A negative radiance, a number out of range, an unknown sensor.
+///     A radiance is negative, a parameter is out of range, or the name of the sensor is unknown.
 #[pyfunction]
 #[pyo3(signature = (radiance, sensor = None, *, electrons_per_radiance = None, seed = 1))]
 pub(crate) fn sense(

@@ -1,4 +1,4 @@
-//! `View` and `Views`: where the cameras are.
+//! `View` and `Views`: the camera geometry.
 
 use crate::error::raise;
 use deepct_core::math::towards;
@@ -12,17 +12,18 @@ use std::path::PathBuf;
 
 type Point = (f64, f64, f64);
 
-/// A camera that looks at a target: row grows to the north and column to the east.
+/// The geometry of a camera that points at a target. Image rows increase towards the north,
+/// columns towards the east.
 ///
-/// Made by `View.perspective` or `View.orthographic`.
+/// Construct it with `View.perspective` or `View.orthographic`.
 #[pyclass(frozen, eq, from_py_object, module = "deepct_py")]
 #[derive(Clone, Copy, PartialEq)]
 pub(crate) struct View(scene::View);
 
 #[pymethods]
 impl View {
-    /// A camera at `position` (km) that looks at `target` (km), with `size` (rows, cols)
-    /// pixels whose size over the focal length is `pixel_tangent`.
+    /// A pinhole camera at `position` (km) that points at `target` (km). The image has `size`
+    /// (rows, cols) pixels; `pixel_tangent` is the pixel size divided by the focal length.
     #[staticmethod]
     #[pyo3(
         signature = (position, target, pixel_tangent, size = [32, 32]),
@@ -39,9 +40,9 @@ impl View {
             .map_err(raise)
     }
 
-    /// Parallel rays from a camera at infinity, seen from `target` (km) under the given
-    /// angles (degrees; azimuth clockwise from north), with `size` (rows, cols) pixels
-    /// that are squares of `pixel_km` in the horizontal plane through the target.
+    /// A camera at infinity with parallel lines of sight. The angles (degrees, azimuth clockwise
+    /// from north) give its direction as seen from `target` (km). The image has `size` (rows,
+    /// cols) pixels, which are squares of `pixel_km` in the horizontal plane through the target.
     #[staticmethod]
     #[pyo3(
         signature = (zenith_deg, azimuth_deg, target, pixel_km, size = [32, 32]),
@@ -58,31 +59,32 @@ impl View {
         scene::View::orthographic(towards, target.into(), pixel_km, size).map(Self).map_err(raise)
     }
 
-    /// Angle at the scene between +z and the camera (degrees).
+    /// View zenith angle: the angle at the target between +z and the camera (degrees).
     #[getter]
     fn zenith_deg(&self) -> f64 {
         self.0.zenith().to_degrees()
     }
 
-    /// Azimuth at the scene towards the camera, clockwise from north (degrees).
+    /// View azimuth: the azimuth from the target to the camera, clockwise from north (degrees).
     #[getter]
     fn azimuth_deg(&self) -> f64 {
         self.0.azimuth().to_degrees()
     }
 
-    /// Size of a pixel at the target (km).
+    /// Size of a pixel at the target (km), perpendicular to the line of sight for a perspective
+    /// camera and in the horizontal plane for an orthographic one.
     #[getter]
     fn pixel_km(&self) -> f64 {
         self.0.pixel_km()
     }
 
-    /// The point that the middle of the image shows (km).
+    /// The point shown at the centre of the image (km).
     #[getter]
     fn target(&self) -> Point {
         self.0.target.into()
     }
 
-    /// Where the camera is (km); None for one at infinity.
+    /// Position of the camera (km); None for a camera at infinity.
     #[getter]
     fn position(&self) -> Option<Point> {
         match self.0.projection {
@@ -97,14 +99,14 @@ impl View {
         (self.0.rows, self.0.cols)
     }
 
-    /// Where a point (km) falls in the image, as continuous (row, col): pixel `[r, c]`
-    /// spans `r..r+1, c..c+1`. None for a point behind the camera.
+    /// Project a point (km) onto the image. Returns continuous (row, col) coordinates, in which
+    /// pixel `[r, c]` spans `r..r+1, c..c+1`, or None for a point behind the camera.
     fn project(&self, point: Point) -> Option<(f64, f64)> {
         self.0.project(point.into())
     }
 
-    /// Origin (km) and unit direction of the line of sight through a point of the
-    /// image, from the camera into the scene.
+    /// Origin (km) and unit direction of the line of sight through a point of the image (continuous
+    /// row and col). The direction is from the camera into the scene.
     fn ray(&self, row: f64, col: f64) -> (Point, Point) {
         let ray = self.0.ray(row, col);
         (ray.origin.into(), ray.direction.into())
@@ -122,11 +124,12 @@ impl View {
     }
 }
 
-/// The cameras that take one stack of images: a sequence of `View`.
+/// The camera geometry of a stack of images: a sequence of `View`.
 ///
 /// Parameters
 /// ----------
 /// views : sequence of View
+///     One view for each image, at least one.
 #[pyclass(frozen, eq, sequence, module = "deepct_py")]
 #[derive(Clone, PartialEq)]
 pub(crate) struct Views(pub(crate) Vec<scene::View>);
@@ -141,12 +144,12 @@ impl Views {
         Ok(Self(views.into_iter().map(|view| view.0).collect()))
     }
 
-    /// The views of a formation by its name, `"cloudct-10"` or `"pearls-32"` (cameras at
-    /// 600 km whose pixels are 50 m at nadir), or those of a TOML file, as the command
-    /// line takes them: `deepct render --help` says what it holds.
+    /// Load the views of a formation, either by its name, `"cloudct-10"` or `"pearls-32"` (cameras
+    /// at an altitude of 600 km with pixels of 50 m at nadir), or from a TOML file, whose format is
+    /// described by `deepct render --help`.
     ///
-    /// They look at `target` (km), with images of `size` (rows, cols) pixels, unless the
-    /// file says otherwise.
+    /// The cameras point at `target` (km) and take images of `size` (rows, cols) pixels, unless the
+    /// file specifies other values.
     #[staticmethod]
     #[pyo3(
         signature = (name_or_path, target, size = [32, 32]),
@@ -159,23 +162,23 @@ impl Views {
             .map_err(raise)
     }
 
-    /// The views of `target` (km) by satellites `first` to `last` on one orbit, each `arc` km
-    /// along it from the one before, number 0 at the zenith.
+    /// The views of a string-of-pearls formation: satellites at equal distances on one orbit, with
+    /// satellite number 0 at the zenith of the target.
     ///
     /// Parameters
     /// ----------
     /// target : (float, float, float)
-    ///     The point that all cameras look at (km).
+    ///     The point at which all cameras are pointed (km).
     /// altitude : float
     ///     Altitude of the orbit (km).
     /// arc : float
-    ///     Distance between satellites along the orbit (km).
+    ///     Distance between adjacent satellites along the orbit (km).
     /// first, last : int
     ///     Numbers of the first and the last satellite.
     /// track_azimuth_deg : float
-    ///     Azimuth in which the track runs, clockwise from north (degrees).
+    ///     Azimuth of the flight direction, clockwise from north (degrees).
     /// pixel_km : float
-    ///     Size of a pixel seen from straight above (km).
+    ///     Size of a pixel at nadir (km).
     /// size : (int, int)
     ///     Number of rows and columns.
     #[staticmethod]
@@ -187,7 +190,7 @@ impl Views {
         text_signature = "(target, altitude=600.0, arc=100.0, first=-16, last=15, *, \
                           track_azimuth_deg=0.0, pixel_km=0.05, size=(32, 32))",
     )]
-    // Keywords with defaults on the side that users see.
+    // In Python these are keyword arguments with defaults.
     #[allow(clippy::too_many_arguments)]
     fn string_of_pearls(
         target: Point,
@@ -208,19 +211,19 @@ impl Views {
             .map_err(raise)
     }
 
-    /// Angle at the scene between +z and each camera (degrees).
+    /// View zenith angle of each camera (degrees).
     #[getter]
     fn zenith_deg<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
         self.each(py, |view| view.zenith().to_degrees())
     }
 
-    /// Azimuth at the scene towards each camera, clockwise from north (degrees).
+    /// View azimuth of each camera, from the target to the camera, clockwise from north (degrees).
     #[getter]
     fn azimuth_deg<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
         self.each(py, |view| view.azimuth().to_degrees())
     }
 
-    /// Size of a pixel of each camera at the target (km).
+    /// Pixel size of each camera at the target (km).
     #[getter]
     fn pixel_km<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
         self.each(py, scene::View::pixel_km)
@@ -259,7 +262,7 @@ impl Views {
     }
 }
 
-/// The views that an argument gives: `Views`, or any sequence of `View`.
+/// Views given as an argument: `Views` or any sequence of `View`.
 pub(crate) struct ViewSequence(pub(crate) Vec<scene::View>);
 
 impl<'py> FromPyObject<'_, 'py> for ViewSequence {

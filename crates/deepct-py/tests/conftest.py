@@ -1,4 +1,4 @@
-"""Fields and views that several tests use."""
+"""Fields and views shared by several tests."""
 
 import shutil
 import subprocess
@@ -16,7 +16,7 @@ def grid():
 
 @pytest.fixture
 def extinction(grid):
-    """A ball of 30 per km in clear air."""
+    """A ball with an extinction of 30 per km in clear sky."""
     z, y, x = np.meshgrid(grid.z, grid.y, grid.x, indexing="ij")
     cx, cy, cz = grid.center
     inside = (x - cx) ** 2 + (y - cy) ** 2 + (z - cz) ** 2 < 0.25**2
@@ -30,7 +30,7 @@ def views(grid):
 
 @pytest.fixture(scope="session")
 def command_line_run():
-    """Run the command line; what came of it, with what it printed."""
+    """Run the command line and return the completed process with its captured output."""
     program = shutil.which("deepct")
     if program is None:
         pytest.fail("`deepct` is not on the PATH: build it, or run the tests by run_tests.sh")
@@ -44,5 +44,5 @@ def command_line_run():
 
 @pytest.fixture(scope="session")
 def command_line(command_line_run):
-    """Run the command line and give back what it printed."""
+    """Run the command line and return its standard output."""
     return lambda *arguments: command_line_run(*arguments).stdout

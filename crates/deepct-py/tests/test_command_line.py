@@ -1,4 +1,4 @@
-"""The same seed and the same input give the same bits from Python and the command line."""
+"""Python and the command line give bit-identical results for the same seed and input."""
 
 import json
 
@@ -14,7 +14,7 @@ NAMES = ("cloud", "images", "evening", "noisy", "mask", "volume")
 
 @pytest.fixture(scope="module")
 def files(tmp_path_factory, command_line):
-    """What the command line makes of a cloud, stage by stage."""
+    """The output files of each stage of the command line for one cloud."""
     folder = tmp_path_factory.mktemp("command_line")
     paths = {name: folder / f"{name}.nc" for name in NAMES}
     command_line("cloud", "generate", "--seed", 4, "--set", "width_km=0.6", "--out", paths["cloud"])
@@ -94,7 +94,7 @@ def test_volumes_and_their_scores(files, cloud, cloud_views, command_line):
 
 
 def test_the_light_of_a_file(files, cloud, cloud_views):
-    """A file of images has the light that a renderer in Python is given."""
+    """The light stored in an image file equals the one constructed in Python."""
     xarray = pytest.importorskip("xarray")
     light = deepct_py.Light(sun_zenith_deg=70.0, sun_azimuth_deg=260.0, surface_albedo=0.3)
     with xarray.open_dataset(files["evening"]) as dataset:
@@ -105,7 +105,7 @@ def test_the_light_of_a_file(files, cloud, cloud_views):
 
 
 def test_images_that_state_sun_and_wavelength_only(files, tmp_path, command_line_run):
-    """What an inversion has to assume is said, and so is what contradicts the file."""
+    """The inversion reports the values that it assumes and those that contradict the file."""
     images = tmp_path / "instrument.nc"
     images.write_bytes(files["noisy"].read_bytes())
     with h5py.File(images, "a") as file:
@@ -113,7 +113,8 @@ def test_images_that_state_sun_and_wavelength_only(files, tmp_path, command_line
     invert = ("invert", images, "--grid", files["cloud"], "--iterations", 0, "--init", 5.0,
               "--set", "inversion.coarse=[]", "--out", tmp_path / "V.nc")
     said = command_line_run(*invert).stderr
-    assert "does not state all of its light; assumed: air = false" in said and "--light" in said
+    assert "does not specify the whole scene illumination; assumed: air = false" in said
+    assert "--light" in said
     assert "warning" not in said
     said = command_line_run(*invert, "--air", "--sun-zenith", 20).stderr
     assert "air =" not in said and "sun_zenith_deg is 30.0 in" in said

@@ -1,4 +1,4 @@
-"""Grids, views and the Sun against NumPy's arithmetic."""
+"""Grids, views and the Sun compared with the same computations in NumPy."""
 
 import numpy as np
 import pytest

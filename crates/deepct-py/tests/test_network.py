@@ -1,4 +1,4 @@
-"""The network against the same layers in NumPy, 64 bits."""
+"""The network compared with the same layers computed by NumPy in double precision."""
 
 import json
 import struct
@@ -13,7 +13,7 @@ INPUT_SCALE, OUTPUT_SCALE = 10.0, 3.0
 
 
 def save(path, views, light, layers, drop=()):
-    """A weights file: safetensors, written by hand."""
+    """Write a weights file in the safetensors format without the safetensors package."""
     metadata = {
         "format_version": 1,
         "formation": "cloudct-10",
@@ -54,7 +54,7 @@ def save(path, views, light, layers, drop=()):
 
 
 def convolve(values, weight, bias):
-    """A 3x3 convolution with a border of zeros, and what is below zero cut off."""
+    """A 3x3 convolution with zero padding, followed by a ReLU."""
     padded = np.pad(values, ((0, 0), (1, 1), (1, 1)))
     windows = np.lib.stride_tricks.sliding_window_view(padded, (3, 3), axis=(1, 2))
     result = np.einsum("oiab,irsab->ors", weight.astype(np.float64), windows)
@@ -105,7 +105,7 @@ def test_an_estimate_tells_its_uncertainty(network, radiance, views, grid):
     extinction, uncertainty = network.estimate(radiance, views)
     np.testing.assert_array_equal(extinction, network.infer(radiance, views))
     assert uncertainty is None
-    # The built-in network tells one, which is most where there is cloud.
+    # The built-in network estimates its uncertainty, which is largest within the cloud.
     built_in = deepct_py.Network.load("cloudct-10")
     cloud = deepct_py.generate_cloud(seed=3)
     views = deepct_py.Views.load("cloudct-10", cloud.grid.center)

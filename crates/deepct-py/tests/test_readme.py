@@ -1,4 +1,4 @@
-"""What the README shows must run as it stands."""
+"""The example in the README runs without changes."""
 
 import pathlib
 import re

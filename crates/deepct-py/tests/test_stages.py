@@ -1,4 +1,4 @@
-"""Each stage against what NumPy computes from the same arrays."""
+"""Each stage compared with the result of NumPy for the same arrays."""
 
 import numpy as np
 import pytest
@@ -33,7 +33,7 @@ def test_an_empty_level_has_no_relative_error():
 
 
 def test_clear_air_shows_the_surface(grid, views):
-    """Without cloud, radiance is albedo x cos(solar zenith) / pi in every pixel."""
+    """Without cloud, the radiance of every pixel is albedo x cos(solar zenith) / pi."""
     clear = np.zeros(grid.shape, np.float32)
     light = deepct_py.Light(sun_zenith_deg=40.0, sun_azimuth_deg=10.0, surface_albedo=0.3)
     rendering = deepct_py.render(clear, grid, views, light, samples_per_pixel=4)
@@ -44,7 +44,7 @@ def test_clear_air_shows_the_surface(grid, views):
 
 
 def test_an_absorbing_slab_dims_the_surface(grid):
-    """A purely absorbing periodic layer follows Beer and Lambert on both ways."""
+    """A purely absorbing periodic layer attenuates both paths by the Beer-Lambert law."""
     optical_depth, zenith = 0.5, 30.0
     extinction = np.full(grid.shape, optical_depth / 0.8, np.float32)
     view = deepct_py.View.orthographic(60.0, 90.0, grid.center, 0.05, size=(4, 4))
@@ -75,8 +75,8 @@ def test_a_wanted_noise_is_reached(grid, extinction, views):
 
 
 def test_droplets_have_a_glory(grid, extinction):
-    """Back to the Sun droplets are far brighter than beside it, and those of one radius are
-    those of that radius everywhere."""
+    """Mie droplets are brighter at the antisolar point than beside it, and one effective radius
+    for the whole scene is equivalent to a field that has this radius everywhere."""
     views = [
         deepct_py.View.orthographic(zenith, 45.0, grid.center, 0.05, size=(16, 16))
         for zenith in (30.0, 18.0)
@@ -92,7 +92,7 @@ def test_droplets_have_a_glory(grid, extinction):
     everywhere = deepct_py.render(
         extinction, grid, views, mie, effective_radius=radii, **options
     )
-    # Between the nodes of the table droplets are a mixture of two sizes: 0.6 % brighter here.
+    # Between the nodes of the table the droplets are a mixture of two sizes: 0.6 % brighter here.
     np.testing.assert_allclose(one.mean(), everywhere.radiance.mean(), rtol=0.01)
     assert everywhere.light.effective_radius == pytest.approx(10.0, rel=1e-6)
     assert rendering.light == mie.replace(effective_radius=10.0)
@@ -140,8 +140,8 @@ def test_the_brightest_pixel_fills_its_well():
 
 
 def test_a_mask_holds_the_ball_it_was_carved_from(grid, extinction, views):
-    """Images of optical paths: every voxel that a line through the ball meets is kept by
-    all views, and the corners of the box by none."""
+    """A pixel is bright if its line of sight passes through or close to the ball: the mask
+    contains every voxel of the ball and none of a column at a corner of the grid."""
     radiance = np.zeros((len(views), 16, 16), np.float32)
     x, y, z = np.meshgrid(grid.x, grid.y, grid.z, indexing="ij")
     centre = np.array(grid.center)
@@ -199,7 +199,7 @@ def test_an_inversion_knows_droplets_and_air(grid, extinction, views):
         )
         return found.history[0]["misfit"]
 
-    # The truth explains its images in the light that they were made in, and in no other.
+    # The true extinction reproduces the images with the light they were rendered with only.
     assert misfit() < 0.1
     assert misfit(air=False) > 1.0
     assert misfit(phase="hg") > 1.0

@@ -1,4 +1,4 @@
-"""What the module takes, refuses and shows, whatever the stage."""
+"""Argument conversion, errors and documentation of all functions of the module."""
 
 import ast
 import inspect
@@ -78,7 +78,7 @@ def test_a_missing_file_and_a_wrong_one_differ(tmp_path):
 
 
 def test_other_threads_go_on_while_a_stage_works(grid, extinction, views):
-    """A second thread counts while a render runs: it could not, were the lock held."""
+    """A second thread counts during a rendering, which requires that the GIL is released."""
     ticks, stop = [0], threading.Event()
 
     def tick():
@@ -93,7 +93,7 @@ def test_other_threads_go_on_while_a_stage_works(grid, extinction, views):
     took, counted = time.perf_counter() - start, ticks[0] - before
     stop.set()
     ticking.join()
-    assert took > 0.1, "too quick to tell"
+    assert took > 0.1, "the rendering was too short for this test"
     assert counted >= 10, f"{counted} ticks in {took:.3f} s"
 
 

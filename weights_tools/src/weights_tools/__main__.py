@@ -22,7 +22,7 @@ from weights_tools.training import Training
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a verb. 0: done; 1: a check that was asked for did not hold; 2: an error."""
+    """Run a command. Returns 0 on success, 1 if ``check`` finds a difference, 2 on an error."""
     options = _parser().parse_args(arguments)
     try:
         return options.run(options)
@@ -39,32 +39,40 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=version)
     verbs = parser.add_subparsers(required=True, metavar="VERB")
 
-    make = verbs.add_parser("generate", help="`deepct dataset generate` on a dask cluster")
+    make = verbs.add_parser("generate", help="run `deepct dataset generate` on a dask cluster")
     make.add_argument("recipe", type=Path, help="TOML file of `deepct dataset`, see recipes/")
-    make.add_argument("--simulations", type=Path, default=Path(), help="folder (default: this)")
+    make.add_argument(
+        "--simulations", type=Path, default=Path(), help="folder (default: current folder)"
+    )
     make.add_argument("--out", type=Path, required=True, help="folder of the dataset")
-    make.add_argument("--cluster", metavar="ADDRESS", help="scheduler (default: this machine)")
-    make.add_argument("--workers", type=_count, help="of this machine (default: all cores)")
-    make.add_argument("--shares", type=_count, help="parts (default: four for each thread)")
+    make.add_argument(
+        "--cluster", metavar="ADDRESS", help="dask scheduler (default: a local cluster)"
+    )
+    make.add_argument(
+        "--workers", type=_count, help="workers of the local cluster (default: all cores)"
+    )
+    make.add_argument(
+        "--shares", type=_count, help="parts of the dataset (default: four for each thread)"
+    )
     make.add_argument("--deepct", default="deepct", help="the program (default: on the PATH)")
     make.set_defaults(run=_generate)
 
-    train = verbs.add_parser("train", help="train by a recipe; goes on where it was stopped")
+    train = verbs.add_parser("train", help="train a network, or resume an interrupted training")
     train.add_argument("recipe", type=Path, help="TOML file, see recipes/")
     train.add_argument("--dataset", type=Path, required=True, help="folder of `deepct dataset`")
     train.add_argument("--out", type=Path, required=True, help="folder of checkpoints and curves")
-    train.add_argument("--start", type=Path, help="checkpoint of a network to begin with")
-    train.add_argument("--minutes", type=_positive, help="end after so long in all")
+    train.add_argument("--start", type=Path, help="checkpoint with the initial parameters")
+    train.add_argument("--minutes", type=_positive, help="maximum total duration of the training")
     train.add_argument("--threads", type=int, help="CPU threads of each process (default: all)")
     train.set_defaults(run=_train)
 
-    trivial = verbs.add_parser("baselines", help="scores of answers that take no learning")
-    trivial.add_argument("recipe", type=Path, help="TOML file, for the views and the noise")
+    trivial = verbs.add_parser("baselines", help="scores of estimates without a network")
+    trivial.add_argument("recipe", type=Path, help="TOML file that gives the views and the noise")
     trivial.add_argument("--dataset", type=Path, required=True, help="folder of `deepct dataset`")
     trivial.add_argument("--deepct", default="deepct", help="the program (default: on the PATH)")
     trivial.set_defaults(run=_baselines)
 
-    convert = verbs.add_parser("export", help="checkpoint or state dict to weights")
+    convert = verbs.add_parser("export", help="convert a checkpoint or state dict to weights")
     convert.add_argument("checkpoint", type=Path)
     convert.add_argument("--out", type=Path, required=True, help="NAME.safetensors or NAME.onnx")
     convert.add_argument("--metadata", type=Path, help="JSON with metadata to add or replace")
@@ -75,7 +83,7 @@ def _parser() -> argparse.ArgumentParser:
         const=1.0,
         default=0.0,
         metavar="SHARE",
-        help="take this share of the scores' mean delta away (0 to 1; all of it if not told)",
+        help="remove this share (0 to 1) of the mean delta of the scores (without a number: 1)",
     )
     convert.set_defaults(run=_export)
 
@@ -83,9 +91,9 @@ def _parser() -> argparse.ArgumentParser:
         "check", help="compare `deepct infer`, or ONNX Runtime, with PyTorch"
     )
     compare.add_argument("checkpoint", type=Path)
-    compare.add_argument("--weights", type=Path, required=True, help="what it was exported to")
+    compare.add_argument("--weights", type=Path, required=True, help="the exported weights file")
     compare.add_argument("--deepct", default="deepct", help="the program (default: on the PATH)")
-    compare.add_argument("--seed", type=int, default=1, help="seed of the images")
+    compare.add_argument("--seed", type=int, default=1, help="seed of the random images")
     compare.set_defaults(run=_check)
     return parser
 

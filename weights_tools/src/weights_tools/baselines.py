@@ -1,4 +1,4 @@
-"""Answers that take no learning: what a network has to beat on the validation clouds."""
+"""Baseline estimates without a network, for comparison on the validation clouds."""
 
 from __future__ import annotations
 
@@ -16,20 +16,19 @@ from weights_tools.sensor import Sensor
 from weights_tools.training import scores, validation_images
 
 CONSTANTS = torch.cat([torch.zeros(1), torch.logspace(-1.0, 2.0, 121)]).double()
-"""Extinctions (1/km) that the carved mask is filled with, to take the best."""
+"""Constant extinctions (1/km) of the carved mask from which the best one is selected."""
 
 
 def baselines(
     data: Dataset, seed: int, sensor: Sensor, deepct: str
 ) -> dict[str, tuple[float, float]]:
-    """Mean epsilon and delta by name: nothing, the mean training cloud, the carved mask.
+    """Mean epsilon and delta of each baseline: zero, the mean training cloud, the carved mask.
 
-    The mask is what ``deepct carve`` makes of the same noisy images that a training with
-    that seed is scored on. It is filled with the constant of the smallest epsilon for
-    these clouds, which is 0 where most of a mask is clear, and with the one that gets
-    their mass right.
+    ``deepct carve`` derives the mask from the same noisy images on which a training with this
+    seed is scored. The mask is filled with the constant extinction that has the smallest epsilon
+    for these clouds (0 if most of the mask is clear) and with the one whose mean delta is 0.
 
-    Raises :class:`InputError` where ``deepct`` fails.
+    Raises :class:`InputError` if ``deepct`` fails.
     """
     truth = data.validation.extinction
     masks = carved_masks(data, validation_images(data, sensor, seed), deepct)
@@ -48,7 +47,7 @@ def baselines(
 
 
 def carved_masks(data: Dataset, images: Tensor, deepct: str) -> Tensor:
-    """The masks ``[n, z, y, x]`` (0 or 1) that ``deepct carve`` finds in validation images."""
+    """The masks ``[n, z, y, x]`` (0 or 1) of ``deepct carve`` for the validation images."""
     masks = []
     with tempfile.TemporaryDirectory() as folder:
         noisy, carved = Path(folder, "images.nc"), Path(folder, "mask.nc")
@@ -62,7 +61,7 @@ def carved_masks(data: Dataset, images: Tensor, deepct: str) -> Tensor:
 
 
 def _copy_views(source: Path, target: Path, views: tuple[int, ...], radiance: np.ndarray) -> None:
-    """The images of a sample with other radiances, and only some of its views."""
+    """Copy the images of a sample with other radiances and a subset of its views."""
     lengths = dict(zip(("view", "row", "col"), radiance.shape), component=3)
     with h5py.File(source, "r") as sample, h5py.File(target, "w") as file:
         for name, length in lengths.items():

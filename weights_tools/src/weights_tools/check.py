@@ -1,4 +1,4 @@
-"""PyTorch and what runs its exported weights side by side on the same images."""
+"""Comparison of exported weights with PyTorch on the same images."""
 
 from __future__ import annotations
 
@@ -21,29 +21,29 @@ from weights_tools.model import Network
 from weights_tools.program import run_program
 
 SAME = 1e-5
-"""Largest error over largest value that still counts as the same answer."""
+"""Tolerance of the error relative to the largest value."""
 
 TOLERANCES = {"direct": SAME, "winograd-f4": 1e-4}
-"""The same by algorithm of ``deepct``'s convolution: the plain sum, and the one with the fewest
-multiplications, which rounds more."""
+"""Tolerance for each convolution algorithm of ``deepct``: direct summation, and the algorithm with
+the fewest multiplications, which has larger rounding errors."""
 
 SIZES = ((1, 1), (32, 32), (31, 45), (33, 32), (128, 96))
-"""Rows and columns of the images that are tried."""
+"""Rows and columns of the test images."""
 
 
 class Engine(NamedTuple):
-    """One way to run a file of weights."""
+    """A program or library that runs a weights file."""
 
     name: str
     tolerance: float
-    """Largest error over largest value that still counts as the same answer."""
+    """Tolerance of the error relative to the largest value."""
     run: Callable[[np.ndarray, dict[str, Any]], np.ndarray]
-    """From images ``[view, row, col]`` (1/sr) and the weights' metadata to all outputs (1/km),
-    one after another along the first axis."""
+    """Function of images ``[view, row, col]`` (1/sr) and the metadata of the weights. It returns
+    all outputs (1/km), concatenated along the first axis."""
 
 
 def engines(weights: str | Path, deepct: str) -> list[Engine]:
-    """What runs a file of weights: ONNX Runtime, or ``deepct`` with each algorithm."""
+    """The engines for a weights file: ONNX Runtime, or ``deepct`` with each algorithm."""
     if is_onnx(weights):
         return [Engine("onnxruntime", SAME, partial(_onnx_runtime, weights))]
     return [
@@ -55,13 +55,12 @@ def engines(weights: str | Path, deepct: str) -> list[Engine]:
 def check(
     checkpoint: str | Path, weights: str | Path, engine: Engine, seed: int = 1
 ) -> list[float]:
-    """The relative error of an engine against PyTorch for every one of :data:`SIZES`.
+    """The error of an engine relative to PyTorch for each image size of :data:`SIZES`.
 
-    It is the largest difference over the largest value of PyTorch's answer, for images
-    drawn at random in the range of a cloud's radiance.
+    The error is the largest difference divided by the largest value of PyTorch's output, for
+    random images with radiances in the range of those of clouds.
 
-    Raises :class:`InputError` for files that cannot be used and where the engine is missing or
-    fails.
+    Raises :class:`InputError` for files that cannot be used and if the engine is missing or fails.
     """
     metadata = weights_metadata(weights)
     network, _ = load_network(checkpoint, metadata)
@@ -76,16 +75,16 @@ def check(
 
 
 def _relative(found: np.ndarray, expected: np.ndarray) -> float:
-    """Largest difference over the largest value, or alone where there is none to compare to."""
+    """The largest difference divided by the largest expected value, unless that is zero."""
     largest = float(abs(expected).max())
     return float(abs(found - expected).max()) / (largest or 1.0)
 
 
 def answer(network: Network, radiance: np.ndarray, metadata: dict[str, Any]) -> np.ndarray:
-    """All of PyTorch's outputs (1/km) from images ``[view, row, col]``, computed in float64.
+    """All outputs of PyTorch (1/km) for images ``[view, row, col]``, computed in float64.
 
-    The parameters are those of ``network`` as they are; only the sums are free of the
-    rounding of float32, so that the difference is all of the other's.
+    The float32 parameters of ``network`` are unchanged. The sums have no float32 rounding errors,
+    so that a difference is due to the rounding errors of the other engine only.
     """
     images = torch.from_numpy(radiance * np.float32(metadata["input_scale"])).double()
     with torch.no_grad():
@@ -94,7 +93,7 @@ def answer(network: Network, radiance: np.ndarray, metadata: dict[str, Any]) -> 
 
 
 def weights_metadata(path: str | Path) -> dict[str, Any]:
-    """What a weights file says about itself."""
+    """The metadata of a weights file."""
     if is_onnx(path):
         return onnx_graph().onnx_metadata(path)
     try:
@@ -103,11 +102,11 @@ def weights_metadata(path: str | Path) -> dict[str, Any]:
         return json.loads(header["deepct"])
     except (OSError, SafetensorError, KeyError, ValueError) as problem:
         remedy = "export it with `weights_tools export`"
-        raise InputError(path, f"is no weights file ({problem})", remedy) from None
+        raise InputError(path, f"is not a weights file ({problem})", remedy) from None
 
 
 def write_images(path: Path, radiance: np.ndarray, metadata: dict[str, Any]) -> None:
-    """Images ``[view, row, col]`` as ``deepct`` reads them, by the cameras of the weights."""
+    """Write images ``[view, row, col]`` that ``deepct`` can read, with the views of the weights."""
     geometry = metadata["view_geometry"]
     views = len(radiance)
     zenith, azimuth = (
@@ -119,7 +118,7 @@ def write_images(path: Path, radiance: np.ndarray, metadata: dict[str, Any]) -> 
     )
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     target = np.tile([0.0, 0.0, metadata["target_altitude_km"]], (views, 1))
-    # Parallel rays where no distance is told.
+    # Views without a camera distance have parallel rays.
     distances = geometry.get("camera_distance_km") or [None] * views
     distance = np.array([math.nan if at is None else at for at in distances])
     by_view = {

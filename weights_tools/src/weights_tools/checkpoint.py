@@ -1,4 +1,4 @@
-"""Checkpoints on disk: written whole or not at all, read without running code."""
+"""Checkpoints on disk: they are written atomically and read without executing code."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from weights_tools.errors import InputError
 
 
 def write_whole(path: Path, content: bytes) -> None:
-    """Write a file under a temporary name in its folder, then rename it."""
+    """Write a file atomically: under a temporary name in its folder, which is then renamed."""
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
         with open(temporary, "wb") as file:
@@ -27,7 +27,7 @@ def write_whole(path: Path, content: bytes) -> None:
 
 
 def save_checkpoint(path: Path, checkpoint: dict[str, Any]) -> None:
-    """Write a checkpoint of tensors and plain values."""
+    """Write a checkpoint of tensors and plain values atomically."""
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
         torch.save(checkpoint, temporary)
@@ -37,11 +37,11 @@ def save_checkpoint(path: Path, checkpoint: dict[str, Any]) -> None:
 
 
 def load_checkpoint(path: str | Path) -> dict[str, Any]:
-    """A file of ``torch.save`` that holds a dict of tensors and plain values.
+    """Load a file of ``torch.save`` that contains a dict of tensors and plain values.
 
-    A pickle that would run code is refused, never run.
+    A pickle that contains code is refused and not executed.
 
-    Raises :class:`InputError` for a file that is missing, damaged, or holds anything else.
+    Raises :class:`InputError` for a file that is missing, damaged, or has other contents.
     """
     path = Path(path)
     remedy = "give a state dict or a training checkpoint written by torch.save"

@@ -1,4 +1,4 @@
-"""Learning curves as a table and as a picture."""
+"""Learning curves as a table and as a figure."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from weights_tools.checkpoint import write_whole
 
 
 def write_table(history: list[dict[str, float]], folder: Path) -> None:
-    """Write ``curves.csv``, a row for every epoch."""
+    """Write ``curves.csv`` with one row for each epoch."""
     table = io.StringIO(newline="")
     writer = csv.DictWriter(table, fieldnames=list(history[0]))
     writer.writeheader()
@@ -23,23 +23,23 @@ def write_table(history: list[dict[str, float]], folder: Path) -> None:
 
 
 def write_picture(history: list[dict[str, float]], folder: Path) -> None:
-    """Draw ``curves.png``: the loss, and epsilon and delta on the validation clouds."""
+    """Write ``curves.png``: the loss, and epsilon and delta on the validation clouds."""
     picture = io.BytesIO()
     figure(history).savefig(picture, format="png", dpi=100)
     write_whole(folder / "curves.png", picture.getvalue())
 
 
 def figure(history: list[dict[str, float]]) -> Figure:
-    """The learning curves, with a mark at the epoch that ``best.pt`` is of."""
+    """The learning curves, with a mark at the epoch of ``best.pt``."""
     epochs = [row["epoch"] for row in history]
-    # Without pyplot, which would want a display and keep every figure.
+    # Not by pyplot, which requires a display and holds all figures in memory.
     drawing = Figure(figsize=(8.0, 4.0), layout="constrained")
     loss, score = drawing.subplots(1, 2)
     loss.semilogy(epochs, [row["loss"] for row in history], color="tab:blue")
     loss.set(xlabel="epoch", ylabel="training loss (of scaled extinction)")
     for name, meaning, color in (
         ("epsilon", "relative error", "tab:red"),
-        ("delta", "share of extinction missing", "tab:green"),
+        ("delta", "mass error", "tab:green"),
     ):
         values = [row[f"validation_{name}"] for row in history]
         score.plot(epochs, values, color=color, label=f"{name}: {meaning}")
@@ -54,7 +54,7 @@ def figure(history: list[dict[str, float]]) -> Figure:
 
 
 def best_epoch(history: list[dict[str, float]]) -> int:
-    """The epoch with the smallest epsilon, the last of them if there are several."""
+    """The epoch with the smallest epsilon; the last one if there are several."""
 
     def epsilon(row: dict[str, float]) -> float:
         value = row["validation_epsilon"]

@@ -1,4 +1,4 @@
-"""Folders of training samples, as ``deepct dataset generate`` writes them."""
+"""Reading of data sets written by ``deepct dataset generate``."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ from torch import Tensor
 from weights_tools.errors import InputError
 
 FORMAT = "deepct-dataset 2"
-"""The format of manifests that are written today."""
+"""The current format of manifests."""
 FORMATS = ("deepct-dataset 1", FORMAT)
-"""Those that are read: the first had its light spread over the settings."""
+"""The formats that can be read. In the first one, the light is distributed over the settings."""
 
 CLOUDCT_10_DEG = (-46.0, -34.0, -26.0, -18.0, -9.0, 0.0, 9.0, 18.0, 26.0, 34.0)
-"""View zeniths of the paper's 10 satellites (degrees); negative ones look from the south."""
+"""View zenith angles of the paper's 10 satellites (degrees), negative for views from the south."""
 
 SPLITS = ("train", "validation", "test")
-"""The sets of a dataset; nothing here looks at the last one."""
+"""The splits of a data set. The test split is not used by this package."""
 
 SAME_DIRECTION_DEG = 0.1
-"""Largest angle between two directions that count as one view (degrees)."""
+"""Largest angle between two directions that are regarded as the same view (degrees)."""
 
 _BY_VIEW = ("view_zenith_deg", "view_azimuth_deg", "pixel_km")
 
@@ -39,17 +39,17 @@ _REMEDY = "write the dataset again with `deepct dataset generate`"
 
 @dataclass(frozen=True)
 class ViewGeometry:
-    """How images were taken; lists by view, in the order of the images."""
+    """Geometry of the images; tuples have one entry per view, in the order of the images."""
 
     sun_zenith_deg: float
     sun_azimuth_deg: float
     view_zenith_deg: tuple[float, ...]
-    """Angle at the scene between +z and each satellite, not negative."""
+    """View zenith angle: the angle at the target between +z and each satellite, not negative."""
     view_azimuth_deg: tuple[float, ...]
-    """Azimuth towards each satellite, clockwise from north."""
+    """Azimuth from the target to each satellite, clockwise from north."""
     pixel_km: tuple[float, ...]
-    """Size of a pixel at the target: square-on to the line of sight of a camera at a distance,
-    in the horizontal plane for parallel rays."""
+    """Size of a pixel at the target, perpendicular to the line of sight for a camera at a finite
+    distance and in the horizontal plane for parallel rays."""
     camera_distance_km: tuple[float | None, ...] = ()
     """Distance of each camera from the target; ``None`` for parallel rays."""
 
@@ -57,7 +57,7 @@ class ViewGeometry:
         return len(self.view_zenith_deg)
 
     def select(self, views: list[int]) -> ViewGeometry:
-        """The geometry of these views alone, in this order."""
+        """The geometry of a subset of the views, in the given order."""
         return ViewGeometry(
             self.sun_zenith_deg,
             self.sun_azimuth_deg,
@@ -68,9 +68,9 @@ class ViewGeometry:
         )
 
     def find(self, zenith_deg: float, azimuth_deg: float) -> int:
-        """The view in that direction.
+        """The index of the view in the given direction.
 
-        Raises ``ValueError`` where none is within :data:`SAME_DIRECTION_DEG`.
+        Raises ``ValueError`` if no view is within :data:`SAME_DIRECTION_DEG` of it.
         """
         wanted = _direction(zenith_deg, azimuth_deg)
         angles = [
@@ -107,7 +107,7 @@ class Samples:
 
 @dataclass(frozen=True)
 class Dataset:
-    """A whole folder of samples in memory, for one formation."""
+    """The training and validation samples of a folder in memory, for one formation."""
 
     formation: str
     geometry: ViewGeometry
@@ -116,10 +116,10 @@ class Dataset:
     validation: Samples
     folder: Path
     views: tuple[int, ...]
-    """The views of the folder's images that these are."""
+    """The indices of these views among those of the images in the folder."""
     manifest: dict[str, Any]
     identity: str
-    """SHA-256 of the manifest, which itself holds the SHA-256 of every sample."""
+    """SHA-256 of the manifest, which contains the SHA-256 of every sample."""
 
     def files(self, split: str) -> list[Path]:
         """The files of a split, in the order of its samples."""
@@ -128,7 +128,7 @@ class Dataset:
 
     @property
     def name(self) -> str:
-        """The simulations that the training clouds are from."""
+        """The names of the simulations that contain the training clouds."""
         sources = {
             Path(sample["source"]).stem
             for sample in self.manifest["samples"]
@@ -151,15 +151,14 @@ def load_dataset(
     formation: str | None = None,
     required: Sequence[str] = ("train", "validation"),
 ) -> Dataset:
-    """All samples of a folder that ``deepct dataset generate`` wrote.
+    """Load the samples of a folder written by ``deepct dataset generate``.
 
-    ``formation`` picks views: that of the folder itself (also ``None``), or
-    ``cloudct-10`` out of any folder that has its ten directions. A split that is not
-    ``required``, as at least one is, may have no samples.
+    ``formation`` selects the views: the formation of the folder itself (or ``None``), or
+    ``cloudct-10`` from any folder that contains its ten directions. Splits that are not in
+    ``required``, which names at least one, may be empty.
 
-    Raises :class:`InputError` for a missing or incomplete manifest, a sample that is
-    missing, damaged, of a wrong shape or with values that cannot be, and views that the
-    folder does not have.
+    Raises :class:`InputError` if the manifest is missing or incomplete, if a sample is missing,
+    damaged, of the wrong shape or has impossible values, and if the folder lacks a view.
     """
     folder = Path(folder)
     manifest, identity = _read_manifest(folder / "manifest.json")
@@ -181,7 +180,7 @@ def load_dataset(
         for split in ("train", "validation")
     )
     name = formation or manifest["formation"]
-    # What all samples have in common, and the manifest does not tell.
+    # Values that all samples have in common, but that the manifest does not contain.
     first = next(sample for sample in manifest["samples"] if sample["split"] in splits)
     distances, wavelength_um = _cameras(folder / first["file"], len(geometry))
     geometry = replace(geometry, camera_distance_km=distances)
@@ -226,7 +225,7 @@ def _read_manifest(path: Path) -> tuple[dict[str, Any], str]:
 
 
 def _geometry(manifest: dict[str, Any], path: Path) -> ViewGeometry:
-    """The geometry but for the distances, which the samples tell."""
+    """The geometry without the camera distances, which only the samples contain."""
     geometry = manifest["geometry"]
     lists = {key: tuple(float(value) for value in geometry[key]) for key in _BY_VIEW}
     if len({len(values) for values in lists.values()}) != 1:
@@ -236,7 +235,7 @@ def _geometry(manifest: dict[str, Any], path: Path) -> ViewGeometry:
 
 
 def _cameras(path: Path, views: int) -> tuple[tuple[float | None, ...], float]:
-    """How far a sample's cameras are from their target (km), and their wavelength (um)."""
+    """The camera distances from the target (km) and the wavelength (um) of a sample."""
     with h5py.File(path, "r") as file:
         missing = sorted({"camera_position", "target", "wavelength"} - set(file))
         if missing:

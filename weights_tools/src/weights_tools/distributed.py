@@ -1,9 +1,9 @@
-"""Training by several processes, as ``torchrun`` starts them.
+"""Training with several processes started by ``torchrun``.
 
-They hold the same network and take the same steps. Each draws the whole of every batch, so
-that random numbers do not depend on how many there are, and learns from its share of it; batch
-norms take their statistics over all shares. It is the training of one process, but for the
-order of sums.
+All processes hold the same network and take the same steps. Each process draws every complete
+batch, so that the random numbers do not depend on the number of processes, and computes the
+gradients of its share. Batch normalisation uses the statistics of all shares. The training is
+therefore that of a single process except for the order of summation.
 """
 
 from __future__ import annotations
@@ -25,24 +25,24 @@ from weights_tools.model import Network
 
 @dataclass(frozen=True)
 class Processes:
-    """Those that train together, as one of them sees them; alone by default."""
+    """The processes of a training, described for one of them; by default it is the only one."""
 
     device: torch.device
-    """What this one computes on."""
+    """The device of this process."""
     rank: int = 0
     count: int = 1
 
     @property
     def first(self) -> bool:
-        """Whether this is the one that takes scores, writes and prints."""
+        """Whether this is the process that computes the scores, writes and prints."""
         return self.rank == 0
 
     def share(self, samples: int) -> slice:
-        """The samples of a batch that are this process's; shares differ by one at most."""
+        """The share of a batch for this process; the sizes of the shares differ by at most one."""
         return slice(samples * self.rank // self.count, samples * (self.rank + 1) // self.count)
 
     def agreed(self, *values: float) -> list[float]:
-        """The numbers that the first process gives, whatever the others do."""
+        """The numbers passed by the first process; those of the other processes are ignored."""
         if self.count == 1:
             return list(values)
         numbers = torch.tensor(values, dtype=torch.float64, device=self.device)
@@ -50,7 +50,7 @@ class Processes:
         return numbers.tolist()
 
     def mean(self, value: float) -> float:
-        """The mean of what each process gives."""
+        """The mean of the values passed by all processes."""
         if self.count == 1:
             return value
         total = torch.tensor(value, dtype=torch.float64, device=self.device)
@@ -58,9 +58,10 @@ class Processes:
         return total.item() / self.count
 
     def layers(self, network: Network) -> Callable[..., Tensor]:
-        """:meth:`Network.layers`, whose gradients will be the means over all processes.
+        """:meth:`Network.layers` with gradients averaged over all processes.
 
-        Call it before parameters are given to an optimizer: norms of the network are replaced.
+        Call it before the parameters are passed to an optimizer, because it replaces the batch
+        normalisation layers of the network.
         """
         if self.count == 1:
             return network.layers
@@ -72,17 +73,18 @@ class Processes:
 
 @contextmanager
 def processes() -> Iterator[Processes]:
-    """The processes that ``torchrun`` started this one among; it alone where nothing did.
+    """The processes started by ``torchrun``, or a single process without ``torchrun``.
 
-    They talk by NCCL where there are GPUs, one for each, else by Gloo.
+    They communicate through NCCL if there are GPUs, one for each process, and otherwise through
+    Gloo.
 
-    Raises :class:`InputError` for fewer GPUs than processes on a machine.
+    Raises :class:`InputError` if a machine has GPUs, but fewer than processes.
     """
     rank, count, local = (_told(name) for name in ("RANK", "WORLD_SIZE", "LOCAL_RANK"))
     device, gpus = torch.device("cpu"), torch.cuda.device_count()
     if gpus:
         if local >= gpus:
-            problem = f"want {local + 1} GPUs or more, of which there are {gpus}"
+            problem = f"require at least {local + 1} GPUs, but only {gpus} are available"
             raise InputError("the processes of this machine", problem, "start fewer with torchrun")
         device = torch.device("cuda", local)
         torch.cuda.set_device(device)
@@ -97,12 +99,12 @@ def processes() -> Iterator[Processes]:
 
 
 def _told(name: str) -> int:
-    """A number that ``torchrun`` tells the processes that it starts."""
+    """A number that ``torchrun`` passes to its processes in the environment."""
     return int(os.environ.get(name, "0"))
 
 
 class _Layers(nn.Module):
-    """The layers of a network as a module of their own."""
+    """The layers of a network as a separate module."""
 
     def __init__(self, network: Network) -> None:
         super().__init__()
@@ -113,10 +115,13 @@ class _Layers(nn.Module):
 
 
 class SharedNorm(nn.BatchNorm2d):
-    """Batch norm over the shares of all processes; PyTorch's own wants a GPU for each."""
+    """Batch normalisation over the shares of all processes.
+
+    ``torch.nn.SyncBatchNorm`` requires a GPU for each process.
+    """
 
     def __init__(self, norm: nn.BatchNorm2d) -> None:
-        """With the parameters and statistics of ``norm``."""
+        """Copy the parameters and statistics of ``norm``."""
         super().__init__(norm.num_features, norm.eps, norm.momentum)
         self.to(norm.weight.device)
         self.load_state_dict(norm.state_dict())
@@ -140,7 +145,7 @@ class SharedNorm(nn.BatchNorm2d):
 
 
 class _Total(torch.autograd.Function):
-    """The sum over all processes. What is made of it in all of them is what its gradient is."""
+    """The sum over all processes; its gradient is summed over all processes as well."""
 
     @staticmethod
     def forward(context: Any, values: Tensor) -> Tensor:

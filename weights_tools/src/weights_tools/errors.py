@@ -1,4 +1,4 @@
-"""The one error that users see."""
+"""The exception for invalid input."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from pathlib import Path
 
 
 class InputError(ValueError):
-    """An input that cannot be used: what it is, what is wrong, what to do."""
+    """Input that cannot be used. The message states the input, the problem and a remedy."""
 
     def __init__(self, where: str | Path, problem: str, remedy: str) -> None:
         super().__init__(f"{where}: {problem}; {remedy}")

@@ -1,4 +1,4 @@
-"""PyTorch checkpoints to the weights files that ``deepct`` reads, and to ONNX."""
+"""Conversion of PyTorch checkpoints to the weights files of ``deepct`` and to ONNX."""
 
 from __future__ import annotations
 
@@ -35,10 +35,10 @@ METADATA_KEYS = (
     "view_geometry",
     "wavelength_um",
 )
-"""What has to be known of a network beside its layers."""
+"""The metadata that a weights file requires in addition to the layers."""
 
 GET_ONNX = "install it with `pip install 'weights_tools[onnx]'`"
-"""What helps where a package for ONNX is missing."""
+"""Remedy if a package for ONNX is missing."""
 
 
 def load_network(
@@ -46,10 +46,10 @@ def load_network(
 ) -> tuple[Network, dict[str, Any]]:
     """The network of a checkpoint or state dict, and its metadata.
 
-    Entries of ``changes`` stand in the place of the checkpoint's own, objects key by key.
+    Entries of ``changes`` replace those of the checkpoint; objects are merged key by key.
 
-    Raises :class:`InputError` for a file that does not hold a network, and where the images on
-    planes that the metadata tell of are not what its first layer takes.
+    Raises :class:`InputError` if the file does not contain a network, or if the input channels of
+    the network do not match the planes given in the metadata.
     """
     checkpoint = load_checkpoint(path)
     metadata = _merge(checkpoint.get("metadata", {}), changes or {})
@@ -58,7 +58,7 @@ def load_network(
         lift = lift_of(metadata) if "image_layout" in metadata else None
     except (KeyError, TypeError, ValueError) as problem:
         remedy = "give the view_geometry and the planes of the images with --metadata"
-        raise InputError(path, f"its planes are not told in full ({problem!r})", remedy) from None
+        raise InputError(path, f"its metadata of planes are wrong ({problem!r})", remedy) from None
     try:
         return network_from_state(state, lift), metadata
     except ValueError as problem:
@@ -67,7 +67,7 @@ def load_network(
 
 
 def read_metadata(path: str | Path) -> dict[str, Any]:
-    """The metadata of a checkpoint that does not know its own, from a JSON file."""
+    """Read metadata from a JSON file, for a checkpoint that contains none."""
     try:
         metadata = json.loads(Path(path).read_text(encoding="utf-8"))
     except OSError as problem:
@@ -86,18 +86,19 @@ def export(
     changes: dict[str, Any],
     unbiased: float = 0.0,
 ) -> None:
-    """Write the weights of a checkpoint, batch norms folded: as an ONNX graph of the whole
-    network where ``output`` ends in ``.onnx``, else as safetensors.
+    """Write the weights of a checkpoint with folded batch normalisation: as an ONNX graph of the
+    complete network if ``output`` ends in ``.onnx``, otherwise as safetensors.
 
-    The checkpoint's own metadata is used, entries of ``changes`` in the place of its own
-    (objects key by key); a bare state dict and the authors' checkpoints have none, and
-    ``changes`` has to give all :data:`METADATA_KEYS`.
+    Entries of ``changes`` replace the metadata of the checkpoint (objects are merged key by key).
+    Bare state dicts and the checkpoints of the paper's authors have no metadata; for these,
+    ``changes`` must contain all :data:`METADATA_KEYS`.
 
-    ``unbiased`` raises the scale of the output until that share of the mean delta of the clouds
-    that gave the scores is gone: squared errors make a network too dark where it cannot know.
+    ``unbiased`` is the share (0 to 1) of the mean delta of the validation clouds that is removed
+    by a larger scale of the output. Training with squared errors makes a network underestimate the
+    extinction where the images do not determine it.
 
     Raises :class:`InputError` for a checkpoint that cannot be used and for metadata that
-    is missing or unknown.
+    are missing or unknown.
     """
     network, metadata = load_network(checkpoint_path, changes)
     missing = sorted(set(METADATA_KEYS) - set(metadata))
@@ -126,7 +127,7 @@ def _unbiased(metadata: dict[str, Any], share: float, path: str | Path) -> dict[
     if delta is None or delta >= 1.0:
         remedy = "give the scores with --metadata, or leave --unbiased out"
         raise InputError(path, f"its scores have a delta of {delta}", remedy)
-    # The epsilon was measured before; that of the delta is known.
+    # Only the new delta is known; epsilon remains that of the original scale.
     left = (1.0 - share) * delta
     scale = metadata["output_scale"] * (1.0 - left) / (1.0 - delta)
     return {**metadata, "output_scale": scale, "scores": {**metadata["scores"], "delta": left}}
@@ -137,14 +138,14 @@ def _check_outputs(network: Network, metadata: dict[str, Any], path: str | Path)
     try:
         channels = len(metadata["outputs"]) * metadata["levels"]["count"]
     except (KeyError, TypeError):
-        raise InputError(path, "its metadata tell no outputs and count of levels", remedy) from None
+        raise InputError(path, "its metadata lack outputs or levels.count", remedy) from None
     if network.channels[-1] != channels:
         problem = f"its last layer gives {network.channels[-1]} channels, its metadata {channels}"
         raise InputError(path, problem, remedy)
 
 
 def is_onnx(path: str | Path) -> bool:
-    """Whether a file of weights is an ONNX graph, by its name."""
+    """Whether the name of a weights file is that of an ONNX graph."""
     return Path(path).suffix.lower() == ".onnx"
 
 
@@ -159,7 +160,7 @@ def _onnx(network: Network, header: dict[str, Any]) -> bytes:
 
 
 def onnx_graph() -> ModuleType:
-    """The module that knows ONNX, whose package not everybody who trains has."""
+    """The module for ONNX, imported on demand as its package is optional."""
     try:
         return importlib.import_module("weights_tools.graph")
     except ImportError as problem:
@@ -167,10 +168,10 @@ def onnx_graph() -> ModuleType:
 
 
 def folded_layers(network: Network) -> dict[str, Tensor]:
-    """``layers.{i}.weight`` and ``.bias`` of convolutions that hold their batch norm.
+    """``layers.{i}.weight`` and ``.bias`` of convolutions that include the batch normalisation.
 
-    Folded in f64 and rounded once: ``w' = w g / s``, ``b' = (b - mean) g / s + beta``
-    with ``s = sqrt(variance + epsilon)``.
+    They are computed in float64 and rounded once: ``w' = w g / s``,
+    ``b' = (b - mean) g / s + beta`` with ``s = sqrt(variance + epsilon)``.
     """
     layers: dict[str, Tensor] = {}
     for index, block in enumerate(network.net.body):

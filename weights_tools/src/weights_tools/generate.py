@@ -1,9 +1,9 @@
-"""Data sets made by many processes: ``deepct dataset generate`` mapped over a dask cluster.
+"""Generation of data sets by many processes: ``deepct dataset generate`` on a dask cluster.
 
-The program makes one share of the samples in each call; which samples those are it knows from
-the plan in the data set's folder. So all that travels over the cluster is command lines, a
-worker needs the program and the folders but not this package, and what was made is never made
-again: not after a failure, nor by the next run.
+Each call of the program generates one share of the samples, which it determines from the plan in
+the folder of the data set. Therefore only command lines are sent over the cluster, and a worker
+needs the program and the folders, but not this package. Existing samples are never generated
+again, neither after a failure nor by a later run.
 """
 
 from __future__ import annotations
@@ -25,25 +25,25 @@ from weights_tools.errors import InputError
 from weights_tools.program import GET_PROGRAM
 
 RETRIES = 2
-"""How often a share is tried again, on whatever worker is free."""
+"""Number of times that a failed share is repeated, on any free worker."""
 
 SHARES_PER_THREAD = 4
-"""Shares for each of the cluster's threads, so that all end at about the same time."""
+"""Number of shares per thread of the cluster, so that all threads end at about the same time."""
 
 
 @dataclass(frozen=True)
 class Order:
-    """Which data set, out of what, and where; all folders as every worker sees them."""
+    """Recipe, input and output of a data set. All workers must be able to access the folders."""
 
     recipe: Path
     simulations: Path
     out: Path
     deepct: str = "deepct"
-    """The program, on the PATH of every worker or by its full path."""
+    """The program: a name on the PATH of every worker, or a path."""
 
     def command(self, verb: str, *flags: str) -> list[str]:
-        """A command line of ``deepct dataset``; paths are absolute, for workers elsewhere."""
-        # A name is looked up where it is called, a path is meant from here.
+        """A command line of ``deepct dataset``, with absolute paths for workers elsewhere."""
+        # A name is looked up by the worker; a path is relative to the current folder.
         name = Path(self.deepct)
         return [
             self.deepct if len(name.parts) == 1 else str(name.absolute()),
@@ -58,13 +58,13 @@ class Order:
 
 @contextmanager
 def cluster(address: str | None, workers: int | None) -> Iterator[Client]:
-    """A client of the scheduler at ``address``, or of a cluster on this machine while it lasts.
+    """A client of the scheduler at ``address``, or of a temporary local cluster if it is ``None``.
 
-    ``workers`` is the number of shares that are made at the same time on this machine, one for
-    each core where it is ``None``. Tasks only start the program and wait for it, so they need
-    no processes of Python.
+    ``workers`` is the number of shares that the local cluster generates at the same time; ``None``
+    means one per core. The tasks only start the program and wait for it, so that threads suffice
+    for the workers.
 
-    Raises :class:`InputError` where nothing answers at the address.
+    Raises :class:`InputError` if there is no scheduler at the address.
     """
     if address is None:
         with (
@@ -90,15 +90,15 @@ def cluster(address: str | None, workers: int | None) -> Iterator[Client]:
 def generate(
     order: Order, client: Client, shares: int | None, report: Callable[[str], None]
 ) -> None:
-    """Make a whole data set on the workers of ``client`` and write its manifest here.
+    """Generate a data set on the workers of ``client`` and write its manifest.
 
-    A task of the cluster is a share, made on one thread; ``None`` makes as many as suit the
-    cluster. A share that fails is tried again :data:`RETRIES` times. ``report`` gets a line
-    after each.
+    Each task of the cluster generates one of ``shares`` shares with one thread; by default there
+    are :data:`SHARES_PER_THREAD` shares per thread. A share that fails is repeated up to
+    :data:`RETRIES` times. ``report`` is called with a line of text after each share.
 
-    Raises :class:`InputError` with what the program said where it fails for good.
+    Raises :class:`InputError` with the message of the program if a share fails repeatedly.
     """
-    # What is wrong with the recipe shows here, before the cluster starts on it.
+    # This detects errors in the recipe before the cluster starts.
     report(_run(order.command("plan", "--quiet")).strip())
     shares = shares or SHARES_PER_THREAD * max(1, sum(client.nthreads().values()))
     commands = [
@@ -106,7 +106,7 @@ def generate(
         for number in range(1, shares + 1)
     ]
     before, start = _samples(order.out), time.monotonic()
-    # A function of Python's own: the workers need not have this package.
+    # A function of the standard library, as the workers need not have this package.
     tasks = client.map(
         subprocess.run,
         commands,
@@ -131,7 +131,7 @@ def generate(
 
 
 def _run(command: list[str]) -> str:
-    """What a program says that runs on this machine."""
+    """Run a command on this machine and return its standard output."""
     process = _result(lambda: subprocess.run(command, capture_output=True, text=True, check=True))
     return process.stdout
 
@@ -139,15 +139,16 @@ def _run(command: list[str]) -> str:
 def _result(
     call: Callable[[], subprocess.CompletedProcess[str]],
 ) -> subprocess.CompletedProcess[str]:
-    """What a call of the program gives, its failure as the error that users see."""
+    """The result of a call of the program; failures are converted to :class:`InputError`."""
     try:
         return call()
     except subprocess.CalledProcessError as problem:
         said = problem.stderr.strip() or f"ended with status {problem.returncode}"
-        raise InputError(problem.cmd[0], said, "what is made already will be kept") from None
+        remedy = "a new run continues with the samples that exist"
+        raise InputError(problem.cmd[0], said, remedy) from None
     except KilledWorker as problem:
         remedy = "give the workers more memory, or fewer threads each"
-        raise InputError("cluster", f"workers died: {problem}", remedy) from None
+        raise InputError("cluster", f"workers were killed: {problem}", remedy) from None
     except OSError as problem:
         where = problem.filename or "deepct"
         raise InputError(where, problem.strerror or "cannot be run", GET_PROGRAM) from None

@@ -1,4 +1,4 @@
-"""The whole network as an ONNX graph, for programs that know nothing of deepct."""
+"""The complete network as an ONNX graph, for use without deepct."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ from weights_tools.errors import InputError
 from weights_tools.lift import Lift
 
 OPSET = 17
-"""Version of ONNX's operators; all that are used here are in 16 too."""
+"""Version of the ONNX operator set; version 16 contains all operators used here as well."""
 
 IR_VERSION = 8
-"""Version of the file format, the one of :data:`OPSET`: programs since 2022 read it."""
+"""Version of the file format that belongs to :data:`OPSET`; software since 2022 can read it."""
 
 UNITS = {"extinction": "1/km", "uncertainty": "1/km, the expected absolute error of extinction"}
-"""What the outputs of a network are in."""
+"""Units of the outputs."""
 
 _LIFT = """
 lift (float[cloud, view, row, col] scaled) => (float[cloud, channel, y, x] planes)
 {
-    # The types of casts: 1 is float, 7 int64, 11 double.
+    # Type codes of Cast: 1 is float, 7 is int64, 11 is double.
     zero = Constant <value = double {0.0}> ()
     half = Constant <value = double {0.5}> ()
     one = Constant <value = double {1.0}> ()
@@ -40,7 +40,7 @@ lift (float[cloud, view, row, col] scaled) => (float[cloud, channel, y, x] plane
     two_rows = Constant <value = double[2, 1, 1, 1, 1] {0.0, 1.0}> ()
     two_cols = Constant <value = double[2, 1, 1, 1] {0.0, 1.0}> ()
 
-    # The size of the images and of the ground, which has a margin all around.
+    # The size of the images and of the target plane, which has a margin on all sides.
     row_shape = Shape <start = 2, end = 3> (scaled)
     row_count = Squeeze (row_shape)
     rows = Cast <to = 11> (row_count)
@@ -58,7 +58,7 @@ lift (float[cloud, view, row, col] scaled) => (float[cloud, channel, y, x] plane
     last_col = Sub (cols, one)
     middle_col = Mul (last_col, half)
 
-    # Where its voxels are, from the target (km): [y, 1] and [x].
+    # Positions of the voxels of the target plane relative to the target (km): [y, 1] and [x].
     row_steps = Range (row_start, row_end, one)
     row_offsets = Sub (row_steps, middle_row)
     y_line = Mul (row_offsets, row_km)
@@ -67,7 +67,7 @@ lift (float[cloud, view, row, col] scaled) => (float[cloud, channel, y, x] plane
     col_offsets = Sub (col_steps, middle_col)
     x = Mul (col_offsets, col_km)
 
-    # Where the cameras see them, from the middle of their images: [view, y, x].
+    # Their projections, in pixels from the centre of each image: [view, y, x].
     depth_x = Mul (depth_by_x, x)
     depth_y = Mul (depth_by_y, y)
     nearer = Add (depth_x, depth_y)
@@ -82,7 +82,7 @@ lift (float[cloud, view, row, col] scaled) => (float[cloud, channel, y, x] plane
     col_far_off = Add (col_x, col_y)
     col_from_middle = Div (col_far_off, depth)
 
-    # From the first pixel, and not beyond the last.
+    # Relative to the first pixel, limited to the image.
     row_anywhere = Add (row_from_middle, middle_row)
     row_not_before = Max (row_anywhere, zero)
     row = Min (row_not_before, last_row)
@@ -90,7 +90,7 @@ lift (float[cloud, view, row, col] scaled) => (float[cloud, channel, y, x] plane
     col_not_before = Max (col_anywhere, zero)
     col = Min (col_not_before, last_col)
 
-    # The two rows and the two columns around them, and what each counts:
+    # The two nearest rows and columns and their interpolation weights:
     # [2, 1, view, y, x] and [2, view, y, x].
     row_before = Floor (row)
     row_around = Add (row_before, two_rows)
@@ -105,7 +105,8 @@ lift (float[cloud, view, row, col] scaled) => (float[cloud, channel, y, x] plane
     col_weight = Sub (one, col_distance)
     col_pixel = Min (col_around, last_col)
 
-    # The ground between the four pixels, [cloud, view, y, x]: a pixel has a number in all images.
+    # Bilinear interpolation between the four pixels, [cloud, view, y, x]. Pixels are numbered
+    # consecutively over all images.
     view_rows = Mul (view_number, rows)
     row_in_all = Add (view_rows, row_pixel)
     row_pixels = Mul (row_in_all, cols)
@@ -118,7 +119,8 @@ lift (float[cloud, view, row, col] scaled) => (float[cloud, channel, y, x] plane
     weighted = Mul (around, weights)
     ground = ReduceSum <keepdims = 0> (weighted, two_by_two)
 
-    # The planes out of it, likewise: as large as the images, each from a corner of its own.
+    # The planes, by the same indexing: sections of the target plane of the size of the images,
+    # displaced by the parallax of each channel.
     ground_voxels = Reshape (ground, flat)
     view_corners = Mul (channel_view, ground_rows)
     row_corners = Add (view_corners, channel_row)
@@ -133,20 +135,20 @@ lift (float[cloud, view, row, col] scaled) => (float[cloud, channel, y, x] plane
     planes = Gather <axis = 1> (ground_voxels, voxel_numbers)
 }
 """
-"""The lift onto planes as :class:`Lift` computes it, for images of any size and in f64 until a
-weight is known. (``GridSample`` would round places to f32, which shows in images of a hundred
-pixels; it is no faster.)"""
+"""The resampling onto planes of :class:`Lift`, for images of any size. Positions are computed in
+float64 up to the interpolation weights. (``GridSample`` rounds positions to float32, which causes
+noticeable errors in images of a hundred pixels, and is not faster.)"""
 
 
 def onnx_model(
     layers: dict[str, Tensor], lift: Lift | None, header: dict[str, Any]
 ) -> onnx.ModelProto:
-    """The way from radiance ``[cloud, view, row, col]`` (1/sr) to extinction
-    ``[cloud, z, y, x]`` (1/km), f32, for any number of clouds, rows and columns.
+    """The graph from radiance ``[cloud, view, row, col]`` (1/sr) to extinction
+    ``[cloud, z, y, x]`` (1/km), float32, for any number of clouds, rows and columns.
 
-    ``layers`` are those of a weights file, as ``header`` is its metadata: that goes along as
-    JSON under ``deepct``. Scales and lift are part of the graph. A network of several outputs
-    gives each by its name.
+    ``layers`` and ``header`` are the layers and the metadata of a weights file; the metadata are
+    stored as JSON under ``deepct``. The graph includes the scaling and the resampling onto planes.
+    A network with several outputs has one named output for each.
     """
     constants = {name: values.numpy() for name, values in layers.items()}
     constants["input_scale"] = np.float32(header["input_scale"])
@@ -173,9 +175,9 @@ def onnx_model(
 
 
 def onnx_metadata(path: str | Path) -> dict[str, Any]:
-    """What a model of :func:`onnx_model` says about itself.
+    """The metadata of a file written by :func:`onnx_model`.
 
-    Raises :class:`InputError` for a file that is none.
+    Raises :class:`InputError` for any other file.
     """
     remedy = "export it with `weights_tools export`"
     try:
@@ -184,11 +186,11 @@ def onnx_metadata(path: str | Path) -> dict[str, Any]:
     except OSError as problem:
         raise InputError(path, problem.strerror or "cannot be read", remedy) from None
     except (DecodeError, KeyError, ValueError) as problem:
-        raise InputError(path, f"is no ONNX file of weights ({problem})", remedy) from None
+        raise InputError(path, f"is not an ONNX file of weights ({problem})", remedy) from None
 
 
 def _lift_constants(lift: Lift) -> dict[str, np.ndarray]:
-    """What the lift's graph wants to know of each view and channel, ``[view, 1, 1]`` and
+    """The constants of the resampling graph for each view ``[view, 1, 1]`` and channel
     ``[channel, 1, 1]``."""
     planes, views = len(lift.parallax), len(lift.cameras)
     numbers = np.arange(views, dtype=np.float64)
@@ -215,8 +217,8 @@ def _model(
         "radiance",
         TensorProto.FLOAT,
         ["cloud", views, "row", "col"],
-        "radiance [cloud, view, row, col] in 1/sr, the Sun's irradiance being 1: "
-        "rows grow to the north, columns to the east",
+        "radiance [cloud, view, row, col] in 1/sr for a solar irradiance of 1: "
+        "rows increase towards the north, columns towards the east",
         ["cloud", "view", "row", "col"],
     )
     volumes = [
@@ -224,7 +226,7 @@ def _model(
             name,
             TensorProto.FLOAT,
             ["cloud", levels, "row", "col"],
-            f"{name} [cloud, z, y, x] in {UNITS[name]}: y and x are those of rows and columns",
+            f"{name} [cloud, z, y, x] in {UNITS[name]}: y and x correspond to row and col",
             ["cloud", "z", "y", "x"],
         )
         for name in header["outputs"]
@@ -247,13 +249,13 @@ def _model(
 
 
 def _description(header: dict[str, Any]) -> str:
-    """What the model is for, in a few lines."""
+    """A description of the model in a few sentences."""
     levels, (dx, dy) = header["levels"], header["horizontal_spacing_km"]
     top = levels["bottom_km"] + levels["count"] * levels["spacing_km"]
     return (
-        f"A cloud's extinction from its images by {header['formation']} at "
-        f"{header['wavelength_um']} um: voxels of {dx} x {dy} x {levels['spacing_km']} km, "
-        f"{levels['count']} levels from {levels['bottom_km']:g} to {top:g} km. The images show "
-        f"the target, at {header['target_altitude_km']:g} km, in their middle. The metadata "
-        "under deepct, JSON, tell the view geometry in full."
+        f"Estimates the extinction of a cloud from images of the formation {header['formation']} "
+        f"at {header['wavelength_um']} um: voxels of {dx} x {dy} x {levels['spacing_km']} km, "
+        f"{levels['count']} levels from {levels['bottom_km']:g} to {top:g} km. The centre of each "
+        f"image shows the target, at an altitude of {header['target_altitude_km']:g} km. The "
+        "metadata deepct (JSON) contain the complete view geometry."
     )

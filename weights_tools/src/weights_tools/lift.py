@@ -1,4 +1,4 @@
-"""Images laid on horizontal planes, as ``deepct``'s ``Planes`` lays them."""
+"""Resampling of images onto horizontal planes, identical to ``Planes`` of ``deepct``."""
 
 from __future__ import annotations
 
@@ -8,21 +8,21 @@ import torch
 from torch import Tensor, nn
 
 ROUNDING = 1e-6
-"""Taken off a parallax (voxels) before it is rounded: half a voxel is rounded down, so that
-the last bit of a tangent decides nothing."""
+"""Subtracted from a parallax (voxels) before rounding, so that half a voxel is always rounded down
+and the result does not depend on the last bit of a tangent."""
 
 
 class Lift(nn.Module):
-    """Images ``[n, view, row, col]`` to channels ``[n, plane * views + view, y, x]``.
+    """Resample images ``[n, view, row, col]`` to channels ``[n, plane * views + view, y, x]``.
 
-    Each image is resampled once, bilinearly, on the plane of the target; on a plane at another
-    altitude it lies as far off as a cloud there seems to be, to the nearest voxel. Beyond its
-    edge an image goes on as it is there. It has no parameters, and takes images of any size
-    that show the target in their middle.
+    Each image is resampled bilinearly onto the horizontal plane of the target. For a plane at
+    another altitude, the result is displaced by the parallax of that altitude, rounded to whole
+    voxels. Beyond its edge, an image is continued with the values of the edge. The module has no
+    parameters and accepts images of any size whose centre shows the target.
     """
 
     def __init__(self, metadata: dict[str, Any]) -> None:
-        """By the metadata of weights whose ``image_layout`` has planes."""
+        """Initialise from the metadata of weights whose ``image_layout`` has planes."""
         super().__init__()
         geometry = metadata["view_geometry"]
         zenith = torch.tensor(geometry["view_zenith_deg"]).double().deg2rad()
@@ -32,7 +32,7 @@ class Lift(nn.Module):
         shift = -(altitudes[:, None] - metadata["target_altitude_km"]) * zenith.tan()
         parallax = torch.stack([shift * azimuth.cos() / dy, shift * azimuth.sin() / dx], -1)
         self.parallax: list[list[tuple[int, int]]] = _half_away(parallax - ROUNDING).tolist()
-        """Rows and columns by plane and view, from the plane of the target."""
+        """Displacement in rows and columns from the plane of the target, by plane and view."""
         offsets = [at for plane in self.parallax for at in plane]
         self.margin = [max(abs(at[axis]) for at in offsets) for axis in (0, 1)]
         self.spacing = (dy, dx)
@@ -44,7 +44,7 @@ class Lift(nn.Module):
         return len(self.parallax) * len(self.cameras)
 
     def forward(self, images: Tensor) -> Tensor:
-        """The images on all planes, in the order of the network's channels."""
+        """The images on all planes, in the order of the input channels of the network."""
         ground = self.ground(images)
         rows, cols = images.shape[2:]
         channels = []
@@ -55,8 +55,8 @@ class Lift(nn.Module):
         return torch.stack(channels, 1)
 
     def ground(self, images: Tensor) -> Tensor:
-        """The images on the plane of the target, with the margin that other planes want."""
-        # As a batch of views with a channel for each cloud, all by the grid of their view.
+        """The images on the plane of the target, with the margin required for the other planes."""
+        # A batch of views with one channel for each cloud, as the grid depends on the view only.
         grid = self._grid(images.shape[2:], images.dtype, images.device)
         ground = nn.functional.grid_sample(
             images.transpose(0, 1), grid, padding_mode="border", align_corners=False
@@ -64,8 +64,8 @@ class Lift(nn.Module):
         return ground.transpose(0, 1)
 
     def _grid(self, size: torch.Size, kind: torch.dtype, device: torch.device) -> Tensor:
-        """Where each voxel of the ground is in each image, ``[view, y, x, (col, row)]`` from
-        -1 to 1 between the edges of the image."""
+        """The projection of each voxel of the target plane onto each image,
+        ``[view, y, x, (col, row)]`` from -1 to 1 between the edges of the image."""
         key = (tuple(size), kind, device)
         if key not in self._grids:
             y, x = (
@@ -86,8 +86,8 @@ def _half_away(values: Tensor) -> Tensor:
 
 
 def _cameras(zenith: Tensor, azimuth: Tensor, geometry: dict[str, Any]) -> Tensor:
-    """Three factors of ``(x, y)`` (km from the target) by view: those of the column, of the
-    row, and of the depth that both are divided by one less of."""
+    """Three pairs of factors for ``(x, y)`` (km from the target) by view: those of the column, of
+    the row, and of the relative depth ``d``. Column and row are divided by ``1 - d``."""
     cameras = []
     for view, distance in enumerate(geometry["camera_distance_km"]):
         pixel = geometry["pixel_km"][view]
@@ -105,5 +105,5 @@ def _cameras(zenith: Tensor, azimuth: Tensor, geometry: dict[str, Any]) -> Tenso
 
 
 def lift_of(metadata: dict[str, Any]) -> Lift | None:
-    """The lift that weights with such metadata want; ``None`` where images enter as they are."""
+    """The resampling that weights with this metadata require; ``None`` for camera images."""
     return None if metadata["image_layout"] == "camera" else Lift(metadata)

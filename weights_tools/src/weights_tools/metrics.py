@@ -1,4 +1,4 @@
-"""Scores of a reconstruction, each by cloud (Sde-Chen et al. 2021, section 5)."""
+"""Errors of a reconstruction for each cloud (Sde-Chen et al. 2021, section 5)."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
 """The network of 3DeepCT (Sde-Chen et al. 2021): a chain of 3x3 convolutions.
 
-Views come in as channels and altitudes go out as channels. The attribute names give
-the parameters the names that the authors' checkpoints use:
-``net.body.{i}.body.0`` is a convolution and ``net.body.{i}.body.1`` its batch norm.
+The input channels are the views and the output channels are the altitudes. The attribute names
+give the parameters the names used in the authors' checkpoints: ``net.body.{i}.body.0`` is a
+convolution and ``net.body.{i}.body.1`` its batch normalisation.
 """
 
 from __future__ import annotations
@@ -15,17 +15,17 @@ from torch import Tensor, nn
 from weights_tools.lift import Lift
 
 KERNEL_SIZE = 3
-"""Pixels of a kernel along rows and along columns."""
+"""Size of a kernel along rows and columns (pixels)."""
 
 CHANNEL_GROWTH = 2
-"""Channels that the paper's network gains with every layer until it has enough."""
+"""Number of channels that each layer of the paper's network adds until there are enough."""
 
 
 def growing_channels(views: int, levels: int, layers: int) -> list[int]:
-    """Channels before, between and after the layers, by the rule of the authors' code.
+    """Numbers of channels before, between and after the layers, by the rule of the authors' code.
 
-    Every layer adds :data:`CHANNEL_GROWTH` channels while that stays below
-    ``levels - CHANNEL_GROWTH``; from then on all have ``levels``.
+    A layer adds :data:`CHANNEL_GROWTH` channels to its input if that has fewer than
+    ``levels - CHANNEL_GROWTH`` channels; otherwise its output has ``levels`` channels.
     """
     if min(views, levels, layers) < 1:
         raise ValueError(
@@ -40,14 +40,14 @@ def growing_channels(views: int, levels: int, layers: int) -> list[int]:
 
 
 def constant_channels(views: int, levels: int, layers: int, width: int) -> list[int]:
-    """Channels before, between and after the layers, ``width`` between them all."""
+    """Numbers of channels before, between and after the layers, with ``width`` between them."""
     if min(views, levels, layers, width) < 1:
         raise ValueError("views, levels, layers and width must all be at least 1")
     return [views, *[width] * (layers - 1), levels]
 
 
 class Block(nn.Module):
-    """Convolution, batch norm, ReLU; the size of the image stays."""
+    """Convolution, batch normalisation and ReLU, which preserve the size of the image."""
 
     def __init__(self, inputs: int, outputs: int) -> None:
         super().__init__()
@@ -64,7 +64,7 @@ class Block(nn.Module):
 
 
 class Chain(nn.Module):
-    """Blocks one after another."""
+    """A sequence of blocks."""
 
     def __init__(self, channels: Sequence[int]) -> None:
         super().__init__()
@@ -77,11 +77,12 @@ class Chain(nn.Module):
 
 
 class Network(nn.Module):
-    """Scaled images ``[batch, view, row, col]`` to scaled extinction ``[batch, z, y, x]``.
+    """Maps scaled images ``[batch, view, row, col]`` to scaled extinction ``[batch, z, y, x]``.
 
-    ``channels`` are those before, between and after the layers. ``lift`` lays the images on
-    planes before the first one; without it they enter as they are. The rows and columns of
-    the images are the y and x of the volume; any size will do.
+    ``channels`` are the numbers of channels before, between and after the layers. ``lift``
+    resamples the images onto planes before the first layer; without it, the camera images are the
+    input. The rows and columns of the images are the y and x of the volume; their numbers are
+    arbitrary.
     """
 
     def __init__(self, channels: Sequence[int], lift: Lift | None = None) -> None:
@@ -99,13 +100,13 @@ class Network(nn.Module):
         return self.layers(self.lifted(images))
 
     def lifted(self, images: Tensor) -> Tensor:
-        """What the first layer sees of images, ``[batch, channel, y, x]``."""
+        """The input of the first layer for images, ``[batch, channel, y, x]``."""
         return images if self.lift is None else self.lift(images)
 
     def layers(self, images: Tensor, leak: float = 0.0) -> Tensor:
-        """From what the first layer sees to extinction.
+        """The extinction from the input of the first layer.
 
-        The last ReLU lets ``leak`` times a negative value through: only for training.
+        The last ReLU multiplies negative values by ``leak`` instead of zero, for training only.
         """
         if leak == 0.0:
             return self.net(images)
@@ -116,17 +117,17 @@ class Network(nn.Module):
         return nn.functional.leaky_relu(norm(convolution(images)), leak)
 
     def convolution_parameters(self) -> int:
-        """Number of kernel values and biases, without the batch norms."""
+        """Number of kernel values and biases, without those of the batch normalisation."""
         return sum(
             parameter.numel() for block in self.net.body for parameter in block.body[0].parameters()
         )
 
 
 def channels_of(state: dict[str, Tensor]) -> list[int]:
-    """The channels of the network that a state dict is for.
+    """The numbers of channels of the network to which a state dict belongs.
 
-    Raises ``ValueError`` where a layer is missing, one too many, or does not take what
-    the one before it gives.
+    Raises ``ValueError`` if a layer is missing, if there is a layer too many, or if the input
+    channels of a layer are not the output channels of the preceding layer.
     """
     prefix, suffix = "net.body.", ".body.0.weight"
     layers = sum(name.startswith(prefix) and name.endswith(suffix) for name in state)
@@ -149,10 +150,10 @@ def channels_of(state: dict[str, Tensor]) -> list[int]:
 
 
 def network_from_state(state: dict[str, Tensor], lift: Lift | None = None) -> Network:
-    """The network with the parameters of a state dict, ready for inference.
+    """The network with the parameters of a state dict, in evaluation mode.
 
-    Raises ``ValueError`` as :func:`channels_of`, and for a name or shape that the
-    network does not have.
+    Raises ``ValueError`` as :func:`channels_of`, for names or shapes that the network does not
+    have, and for values that are not finite.
     """
     network = Network(channels_of(state), lift)
     try:

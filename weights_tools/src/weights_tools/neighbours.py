@@ -1,9 +1,8 @@
-"""A second cloud beside a cloud, as more training data: what a field looks like.
+"""Data augmentation by a second cloud beside a cloud, as in a cloud field.
 
-Light that has left a cloud for a camera adds up: where two clouds do not hide each other, the
-images of both are the sum of what each adds to the clear sky. That they shade each other and
-that the nearer hides the farther is left out; seen beside the wrong image of a neighbour in
-slanted views, which is what spoils a reconstruction, it is little.
+If two clouds do not obscure each other, the image of both is the clear-sky image plus the
+contributions of the two clouds. Mutual shading and obscuration are neglected. Their effect on a
+reconstruction is small compared with that of the misplaced image of the neighbour in oblique views.
 """
 
 from __future__ import annotations
@@ -15,23 +14,23 @@ from weights_tools.dataset import Samples
 from weights_tools.shift import Shifter, interpolation
 
 GAP = (2, 10)
-"""Fewest and most clear columns between the two clouds (voxels)."""
+"""Minimum and maximum number of clear columns between the two clouds (voxels)."""
 
 
 class Neighbours:
-    """Sets another cloud of the training set beside each of a batch, or some of them."""
+    """Adds another cloud of the training set beside a share of the clouds of a batch."""
 
     def __init__(self, samples: Samples, shifter: Shifter, share: float) -> None:
-        """``share`` is how many of the clouds get a neighbour, from 0 to 1."""
+        """``share`` is the fraction of the clouds that get a neighbour (0 to 1)."""
         self.samples, self.shifter, self.share = samples, shifter, share
         edges = torch.cat([samples.radiance[:, :, row, :] for row in (0, -1)], -1)
         self.sky = edges.median(-1).values.median(0).values
-        """Radiance of the clear sky by view: what most pixels at the edges of images show."""
+        """Clear-sky radiance of each view: that of most pixels at the edges of the images."""
 
     def draw(
         self, extinction: Tensor, radiance: Tensor, generator: torch.Generator
     ) -> tuple[Tensor, Tensor]:
-        """Clouds ``[n, z, y, x]`` and images ``[n, view, row, col]`` with their neighbours."""
+        """Clouds ``[n, z, y, x]`` and images ``[n, view, row, col]`` including the neighbours."""
         count = len(extinction)
         other = torch.randperm(len(self.samples), generator=generator)[:count]
         chosen = torch.rand(len(other), generator=generator) < self.share
@@ -48,7 +47,7 @@ class Neighbours:
 
 
 def _displacement(cloud: Tensor, other: Tensor, generator: torch.Generator) -> tuple[int, int]:
-    """How far to the north and to the east the other cloud goes to stand clear of this one."""
+    """The shift to the north and east (voxels) by which the other cloud is clear of this one."""
 
     def draw(least: int, most: int) -> int:
         return int(torch.randint(least, most + 1, (), generator=generator))
@@ -66,7 +65,7 @@ def _displacement(cloud: Tensor, other: Tensor, generator: torch.Generator) -> t
 
 
 def moved(volume: Tensor, voxels: int, axis: int) -> Tensor:
-    """A volume moved along an axis; what leaves it is gone and what enters is clear."""
+    """A volume shifted along an axis and filled with zeros."""
     length = volume.shape[axis]
     result = torch.zeros_like(volume)
     kept = length - abs(voxels)

@@ -1,4 +1,4 @@
-"""How the parameters move: Muon for the kernels, Adam for all else."""
+"""Optimizers: Muon for the kernels, Adam for all other parameters."""
 
 from __future__ import annotations
 
@@ -8,21 +8,21 @@ import torch
 from torch import Tensor, nn
 
 MOMENTUM = 0.95
-"""Share of the last step's gradient that Muon keeps."""
+"""Weight of the previous mean gradient in the moving mean of Muon."""
 
 COEFFICIENTS = (3.4445, -4.7750, 2.0315)
-"""Of the quintic ``a X + b X X'X + c X X'X X'X`` that pulls singular values towards 1, as
-Jordan et al. chose them."""
+"""Coefficients of the quintic ``a X + b X X'X + c X X'X X'X``, which brings singular values close
+to 1 (Jordan et al. 2024)."""
 
 ITERATIONS = 5
 
 
 class Muon(torch.optim.Optimizer):
-    """Steps along the orthogonal matrix nearest to the gradient's moving mean.
+    """Steps along the orthogonal matrix nearest to the moving mean of the gradient.
 
-    A kernel is the matrix ``[out, in * 9]``. All its singular values move alike, so what few
-    clouds ask for is learned as fast as what all ask for (K. Jordan et al. 2024, "Muon: an
-    optimizer for hidden layers in neural networks"; Nesterov's momentum).
+    A kernel is treated as the matrix ``[out, in * 9]``. The step is the same for all its singular
+    vectors, so that features of few clouds are learned as fast as those of all clouds (K. Jordan
+    et al. 2024, "Muon: an optimizer for hidden layers in neural networks", with Nesterov momentum).
     """
 
     def __init__(self, kernels: list[Tensor], learning_rate: float) -> None:
@@ -45,7 +45,7 @@ class Muon(torch.optim.Optimizer):
 
 def nearest_orthogonal(matrix: Tensor) -> Tensor:
     """A matrix with the singular vectors of ``matrix`` and singular values between about 0.7
-    and 1.2, by Newton and Schulz's iteration."""
+    and 1.2, from the Newton-Schulz iteration."""
     tall = matrix.shape[0] > matrix.shape[1]
     result = matrix.T if tall else matrix
     result = result / result.norm().clamp_min(1e-12)
@@ -57,10 +57,11 @@ def nearest_orthogonal(matrix: Tensor) -> Tensor:
 
 
 class Optimizers:
-    """The optimizers of a network: Adam alone, or Muon for its kernels beside it."""
+    """The optimizers of a network: Adam alone, or Adam together with Muon for the kernels."""
 
     def __init__(self, network: nn.Module, muon_share: float) -> None:
-        """``muon_share`` is Muon's learning rate over Adam's; 0 leaves the kernels to Adam."""
+        """``muon_share`` is the learning rate of Muon divided by that of Adam; with 0, Adam
+        optimises the kernels as well."""
         kernels = [part for part in network.parameters() if part.ndim == 4]
         others = [part for part in network.parameters() if part.ndim != 4]
         self._rates = [1.0]
@@ -72,7 +73,7 @@ class Optimizers:
 
     @property
     def learning_rate(self) -> float:
-        """Adam's, that of the last step."""
+        """The learning rate of Adam in the last step."""
         return self._all[0].param_groups[0]["lr"]
 
     def zero_grad(self) -> None:
@@ -80,14 +81,14 @@ class Optimizers:
             optimizer.zero_grad()
 
     def step(self, learning_rate: float) -> None:
-        """One step, at Adam's learning rate."""
+        """Take one step; ``learning_rate`` is that of Adam."""
         for optimizer, factor in zip(self._all, self._rates):
             for group in optimizer.param_groups:
                 group["lr"] = factor * learning_rate
             optimizer.step()
 
     def state_dict(self) -> dict[str, Any]:
-        """The state of each, by its number."""
+        """The state of each optimizer, by its number."""
         return {str(at): optimizer.state_dict() for at, optimizer in enumerate(self._all)}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:

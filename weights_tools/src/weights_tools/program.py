@@ -1,4 +1,4 @@
-"""The program ``deepct``, run for what only it can do."""
+"""Execution of the program ``deepct``."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ import subprocess
 from weights_tools.errors import InputError
 
 GET_PROGRAM = "build it with `cargo build --release` and name it with --deepct"
-"""What helps where the program is not found."""
+"""Remedy if the program is not found."""
 
 
 def run_program(command: list[str], about: str = "") -> None:
-    """Run ``deepct VERB ...`` to its end; ``about`` says in an error what it was run on.
+    """Run ``deepct VERB ...`` and wait for its end; ``about`` names its input in error messages.
 
-    Raises :class:`InputError` where it cannot be run, or fails.
+    Raises :class:`InputError` if it cannot be run or fails.
     """
     try:
         result = subprocess.run(command, capture_output=True, text=True, check=False)

@@ -1,4 +1,4 @@
-"""Recipes: TOML files that say how one set of weights is trained."""
+"""Recipes: TOML files with the settings for the training of one set of weights."""
 
 from __future__ import annotations
 
@@ -19,25 +19,26 @@ else:
 
 @dataclass(frozen=True)
 class NetworkRecipe:
-    """The shape of the network."""
+    """The architecture of the network."""
 
     layers: int = 33
+    """Number of convolutional layers."""
     width: int = 0
-    """Channels between the layers; 0 lets them grow by the paper's rule."""
+    """Number of channels between the layers; with 0, they increase by the rule of the paper."""
     planes: int = 0
-    """Horizontal planes that the images are laid on, in the middles of as many equal parts of
-    the levels; 0 lets the images enter as the cameras took them."""
+    """Number of horizontal planes onto which the images are resampled. They are at the centres of
+    equal parts of the vertical range of the levels. With 0, the camera images are the input."""
     uncertainty: bool = False
-    """Whether the last layer also gives, after the extinction of each voxel, its expected
-    absolute error."""
+    """Whether the last layer also estimates the absolute error of the extinction of each voxel;
+    these channels follow those of the extinction."""
 
     @property
     def outputs(self) -> list[str]:
-        """What the last layer gives, each with a channel for every level."""
+        """The quantities that the last layer estimates, each with one channel for every level."""
         return ["extinction", "uncertainty"] if self.uncertainty else ["extinction"]
 
     def channels(self, views: int, levels: int) -> list[int]:
-        """Channels before, between and after the layers."""
+        """Numbers of channels before, between and after the layers."""
         inputs = views * max(self.planes, 1)
         if self.width == 0:
             channels = growing_channels(inputs, levels, self.layers)
@@ -46,7 +47,7 @@ class NetworkRecipe:
         return [*channels[:-1], len(self.outputs) * levels]
 
     def image_layout(self, levels: dict[str, float]) -> str | dict[str, Any]:
-        """How the images become channels, as a file of weights tells it."""
+        """The assignment of images to input channels, in the form used in weights files."""
         if self.planes == 0:
             return "camera"
         height = levels["count"] * levels["spacing_km"] / self.planes
@@ -56,24 +57,25 @@ class NetworkRecipe:
 
 @dataclass(frozen=True)
 class ScalingRecipe:
-    """Factors that bring the network's numbers near 1."""
+    """Scale factors for which the numbers in the network are of order 1."""
 
     input_scale: float = 10.0
-    """Network input = radiance (1/sr) x this."""
+    """Network input = radiance (1/sr) x input_scale."""
     output_scale: float = 10.0
-    """Extinction (1/km) = network output x this."""
+    """Extinction (1/km) = network output x output_scale."""
 
 
 @dataclass(frozen=True)
 class LossRecipe:
-    """What is minimised: a sum of terms, by their weights; the paper's is the first alone.
+    """Weights of the terms of the loss function; that of the paper has the first term only.
 
-    ``squared`` is the mean over voxels of the squared error of the scaled extinction. The
-    others are means over clouds, in which a small or thin cloud counts as much as a large
-    one: ``squared_by_cloud`` of the sum of squared errors over the sum of squares, and
-    ``relative`` of epsilon. ``uncertainty`` counts where the network tells one: the sum of the
-    squares by which it misses the error that was made, over the sum of squares of the
-    extinction. What is expected of an absolute error makes it least.
+    ``squared`` is the weight of the mean squared error of the scaled extinction over all voxels.
+    The other terms are means over clouds, in which a small or thin cloud has the same weight as a
+    large one. ``squared_by_cloud`` weights the sum of squared errors divided by the sum of squares
+    of the extinction, and ``relative`` weights epsilon. ``uncertainty`` applies to networks that
+    estimate it: the sum of squared differences between the estimated and the actual absolute error,
+    divided by the sum of squares of the extinction. This term is smallest if the estimate is the
+    expected absolute error.
     """
 
     squared: float = 1.0
@@ -84,43 +86,46 @@ class LossRecipe:
 
 @dataclass(frozen=True)
 class TrainingRecipe:
-    """How the weights are found."""
+    """Settings of the optimisation and of the data augmentation."""
 
     seed: int = 1
     epochs: int = 100
     batch: int = 32
     learning_rate: float = 2e-3
-    """The largest of Adam; it rises from 0 to this and falls to 0 along a cosine."""
+    """Maximum learning rate of Adam. The rate increases linearly to this value and decreases to 0
+    along a cosine."""
     muon_learning_rate: float = 0.0
-    """The largest of Muon, which moves the kernels; 0 leaves them to Adam."""
+    """Maximum learning rate of Muon for the kernels; with 0, Adam optimises the kernels as well."""
     warmup: float = 0.1
-    """Share of the training in which the learning rate rises."""
+    """Fraction of the training during which the learning rate increases."""
     leak: float = 0.0
-    """Slope of the last ReLU below zero while training: what was missed can still be found."""
+    """Slope of the last ReLU below zero during training, so that a voxel with a negative value
+    still has a gradient."""
     shift_voxels: int = 0
-    """Largest horizontal shift of a cloud and its images, along x and along y."""
+    """Maximum horizontal shift of a cloud and its images along x and along y (voxels)."""
     shift_levels: int = 0
-    """Largest vertical shift."""
+    """Maximum vertical shift (levels)."""
     pointing_pixels: float = 0.0
-    """Standard deviation of where each camera looks, along rows and along columns."""
+    """Standard deviation of the pointing error of each camera along rows and columns (pixels)."""
     neighbours: float = 0.0
-    """Share of the clouds that get another one beside them, as in a field; wants shifts."""
+    """Fraction of the clouds beside which another cloud is placed, as in a field; requires a
+    nonzero maximum shift."""
     crop: int = 0
-    """Rows and columns, near the middle, that a step takes of a batch; 0 takes all."""
+    """Number of rows and columns near the centre that a step uses of a batch; 0 uses all."""
     crop_shift: int = 3
-    """Farthest that a crop is off the middle along rows and along columns."""
+    """Maximum distance of a crop from the centre along rows and along columns (pixels)."""
     crop_until: float = 0.8
-    """Share of the training after which nothing is cropped any more."""
+    """Fraction of the training after which the images are no longer cropped."""
     patience: int = 0
-    """Epochs without a smaller epsilon on the validation clouds that end the training; 0 lets
-    it go on to its last epoch."""
+    """Number of epochs without a smaller epsilon on the validation clouds after which the training
+    ends; with 0, it continues to the last epoch."""
     reduced_precision: bool = True
-    """Convolutions in bfloat16 while training (never when scores are taken)."""
+    """Whether convolutions are computed in bfloat16 during training (never for the scores)."""
 
 
 @dataclass(frozen=True)
 class Recipe:
-    """All that a training depends on, but for the data and the machine."""
+    """All settings of a training. It otherwise depends on the data and the machine only."""
 
     formation: str
     network: NetworkRecipe = field(default_factory=NetworkRecipe)
@@ -130,23 +135,23 @@ class Recipe:
     sensor: Sensor = field(default_factory=Sensor)
 
     def resolved(self) -> dict[str, Any]:
-        """Every setting, the defaults included, as plain values."""
+        """All settings, including those with default values, as plain values."""
         return asdict(self)
 
 
 def completed(settings: dict[str, Any]) -> dict[str, Any]:
-    """The settings of a checkpoint; those that it is too old to know have their defaults, with
-    which a training is what it was without them."""
+    """The settings of a checkpoint, completed with the defaults of settings introduced later. The
+    defaults correspond to the behaviour before these settings existed."""
     defaults = Recipe(settings["formation"]).resolved()
     tables = {key: table for key, table in defaults.items() if isinstance(table, dict)}
     return {**settings, **{key: {**table, **settings[key]} for key, table in tables.items()}}
 
 
 def load_recipe(path: str | Path) -> Recipe:
-    """The recipe in a TOML file.
+    """Read a recipe from a TOML file.
 
     Raises :class:`InputError` for a file that is missing or not TOML, an unknown key,
-    and a value of a wrong type or out of range.
+    and a value of the wrong type or out of range.
     """
     path = Path(path)
     try:

@@ -1,7 +1,7 @@
-"""The sensor's noise: radiance to electrons to grey levels and back.
+"""Simulation of the sensor: radiance is converted to electrons, grey levels and back to radiance.
 
-The variance of a pixel is the paper's, ``V = i + D dt + read^2 + g^2 / 12`` in electrons
-squared (Sde-Chen et al. 2021, section 2.2).
+The noise variance of a pixel is ``V = i + D dt + read^2 + g^2 / 12`` in electrons squared
+(Sde-Chen et al. 2021, section 2.2).
 """
 
 from __future__ import annotations
@@ -12,22 +12,23 @@ import torch
 from torch import Tensor
 
 MANY = 200.0
-"""Electrons from which on Poisson's distribution is drawn as a normal one, ten times faster:
-its skewness, 7 % there, drowns in the readout and the grey levels."""
+"""Number of electrons above which a normal distribution replaces the Poisson distribution, which
+is ten times faster. The skewness of 7 % at this number is negligible compared with the read and
+quantisation noise."""
 
 
 @dataclass(frozen=True)
 class Sensor:
-    """A sensor by the numbers of its data sheet; the default is the paper's CMV4000."""
+    """An image sensor, described by its data sheet; the default is the paper's CMV4000."""
 
     full_well: float = 13_500.0
-    """Charge that fills a pixel (electrons)."""
+    """Full-well capacity of a pixel (electrons)."""
     read_noise: float = 13.0
-    """Standard deviation of the readout (electrons)."""
+    """Standard deviation of the read noise (electrons)."""
     dark_current: float = 125.0
-    """Charge that gathers without light (electrons per second)."""
+    """Dark current (electrons per second)."""
     bits: int = 10
-    """The full well is divided into ``2 ** bits`` grey levels."""
+    """Bits per pixel: the full well is divided into ``2 ** bits`` grey levels."""
     exposure: float = 762e-6
     """Exposure time (seconds)."""
 
@@ -45,22 +46,22 @@ class Sensor:
 
     @property
     def dark_charge(self) -> float:
-        """Mean dark charge of an exposure (electrons)."""
+        """Mean dark charge per exposure (electrons)."""
         return self.dark_current * self.exposure
 
     def variance(self, electrons: float) -> float:
-        """The paper's variance (electrons squared) where light frees ``electrons`` on average."""
+        """Noise variance (electrons squared) for a mean photoelectric charge of ``electrons``."""
         quantisation = self.electrons_per_count**2 / 12.0
         return electrons + self.dark_charge + self.read_noise**2 + quantisation
 
     def sense(
         self, radiance: Tensor, generator: torch.Generator, brightest: Tensor | None = None
     ) -> Tensor:
-        """What the sensor makes of ``radiance`` ``[..., view, row, col]`` without noise.
+        """The measured radiance for noise-free ``radiance`` ``[..., view, row, col]``.
 
-        The brightest pixel over all views of a scene fills its well; ``brightest``
-        ``[..., 1, 1, 1]`` gives its radiance where it is not among these pixels. The mean dark
-        charge is subtracted, so a dark pixel may come out slightly negative.
+        The brightest pixel over all views of a scene reaches the full-well capacity; ``brightest``
+        ``[..., 1, 1, 1]`` is its radiance if it is not among these pixels. The mean dark charge is
+        subtracted, so that the value of a dark pixel can be slightly negative.
         """
         if brightest is None:
             brightest = radiance.amax((-3, -2, -1), keepdim=True)
@@ -73,7 +74,7 @@ class Sensor:
 
 
 def _arrivals(mean: Tensor, generator: torch.Generator) -> Tensor:
-    """Numbers of electrons that are freed one by one."""
+    """Numbers of electrons drawn from Poisson distributions with the given means."""
     noise = torch.randn(mean.shape, generator=generator, device=mean.device)
     charge = mean.addcmul(mean.sqrt(), noise)
     few = mean < MANY

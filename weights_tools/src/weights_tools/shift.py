@@ -1,12 +1,12 @@
-"""Shifts of a cloud together with its images, as more training data.
+"""Data augmentation by shifts of a cloud together with its images.
 
-Every camera keeps aiming at the middle of the domain. A shift by whole voxels moves the
-cloud ``d`` km to the east and ``e`` km to the north, and so its image in a view under
-the zenith ``theta`` along the track by ``d / pixel`` columns and ``e cos(theta) / pixel``
-rows; one of ``h`` km upwards by ``h sin(theta) / pixel`` rows away from the camera. The
-satellites are hundreds of km away: that the perspective changes with the shift is below a
-thousandth of it. Of a cloud that is lifted, the light between it and the ground and the air
-above it stay as they were, which is little of its radiance.
+Every camera remains pointed at the centre of the domain. If a shift by whole voxels moves the
+cloud ``d`` km to the east and ``e`` km to the north, its image in a view with the zenith angle
+``theta`` along the track moves by ``d / pixel`` columns and ``e cos(theta) / pixel`` rows. A shift
+of ``h`` km upwards moves the image by ``h sin(theta) / pixel`` rows away from the camera. As the
+satellites are hundreds of km away, the change of the perspective is below a thousandth of the
+shift. For vertical shifts, the changes of the light between cloud and surface and of the molecular
+atmosphere above the cloud are neglected; they are a small part of the radiance.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from weights_tools.dataset import ViewGeometry
 
 
 class Shifter:
-    """Draws shifts of up to ``voxels`` along x and y and ``levels`` along z that leave the
-    cloud in its domain, and errors of pointing that leave it where it is."""
+    """Draws shifts of up to ``voxels`` along x and y and ``levels`` along z for which the cloud
+    remains in its domain, and pointing errors, which move the images only."""
 
     def __init__(
         self,
@@ -31,8 +31,8 @@ class Shifter:
         levels: int = 0,
         pointing: float = 0.0,
     ):
-        """``pointing`` is the standard deviation (pixels) of where a camera looks, along rows
-        and along columns, drawn for each view of each cloud."""
+        """``pointing`` is the standard deviation of the pointing error along rows and columns
+        (pixels), which is drawn for each view of each cloud."""
         for zenith, azimuth in zip(geometry.view_zenith_deg, geometry.view_azimuth_deg):
             if abs(math.sin(math.radians(azimuth)) * math.sin(math.radians(zenith))) > 1e-3:
                 raise ValueError("shifts need views along a track from south to north")
@@ -48,7 +48,7 @@ class Shifter:
     def draw(
         self, extinction: Tensor, radiance: Tensor, generator: torch.Generator
     ) -> tuple[Tensor, Tensor]:
-        """A batch of clouds ``[n, z, y, x]`` and images ``[n, view, row, col]``, each shifted."""
+        """Shift each cloud of a batch ``[n, z, y, x]`` and its images ``[n, view, row, col]``."""
 
         def draw(most: int, cloudy: Tensor) -> Tensor:
             shifts = torch.randint(-most, most + 1, (len(extinction),), generator=generator)
@@ -69,7 +69,7 @@ class Shifter:
 
 
 def _within(shifts: Tensor, cloudy: Tensor) -> Tensor:
-    """The shifts, cut so that no cloudy line of ``[n, line]`` leaves the domain."""
+    """The shifts, limited so that no cloudy line of ``[n, line]`` leaves the domain."""
     lines = cloudy.shape[1]
     first = cloudy.int().argmax(1)
     last = lines - 1 - cloudy.flip(1).int().argmax(1)
@@ -77,10 +77,10 @@ def _within(shifts: Tensor, cloudy: Tensor) -> Tensor:
 
 
 def interpolation(shifts: Tensor, pixels: int) -> Tensor:
-    """Matrices ``[..., pixels, pixels]`` that move a line of pixels by ``shifts`` ``[...]``.
+    """Matrices ``[..., pixels, pixels]`` that shift a line of pixels by ``shifts`` ``[...]``.
 
-    Cubic (Keys 1981, a = -1/2), so that fine structure stays; the outermost pixel goes
-    on beyond the edge. A whole number of pixels moves exactly.
+    The interpolation is cubic (Keys 1981, a = -1/2) to preserve fine structure. Beyond the edge,
+    the outermost pixel is repeated. A shift by a whole number of pixels is exact.
     """
     position = torch.arange(pixels) - shifts[..., None]
     whole = position.floor()

@@ -1,4 +1,4 @@
-"""Training, which can be killed at any moment and goes on where it was."""
+"""Training of a network, which can be interrupted at any time and resumed."""
 
 from __future__ import annotations
 
@@ -25,24 +25,25 @@ from weights_tools.sensor import Sensor
 from weights_tools.shift import Shifter
 
 LAST = "last.pt"
-"""Checkpoint of the last whole epoch: what a training goes on from."""
+"""Checkpoint of the last complete epoch, from which a training is resumed."""
 BEST = "best.pt"
 """Checkpoint of the epoch with the smallest epsilon on the validation clouds."""
 
 EPOCHS_PER_PICTURE = 10
-"""Epochs after which the picture of the learning curves is drawn again."""
+"""Number of epochs after which the figure of the learning curves is updated."""
 
 LEAST_CLOUD = 0.1
-"""Least sum that a cloud's error is divided by: a crop may hold a sliver of one."""
+"""Lower limit of the sum by which the error of a cloud is divided, as a crop may contain only a
+small part of the cloud."""
 
 _VALIDATION_NOISE = -1
 
 
 class Training:
-    """One training run in a folder of its own, at the end of some epoch.
+    """A training run in its own folder, in its state after some epoch.
 
-    Random numbers depend on the seed, the epoch and the order of use in it alone, so a
-    run that was cut off and goes on is the run that was not.
+    Random numbers depend on the seed, the epoch and the order of their use in the epoch only, so
+    that a resumed run is identical to an uninterrupted one.
     """
 
     def __init__(
@@ -53,10 +54,11 @@ class Training:
         processes: Processes,
         start: Path | None = None,
     ) -> None:
-        """The run of a folder, or a new one, from the parameters of the checkpoint ``start``.
+        """Resume the run in ``folder``, or begin a new one, with the parameters of the checkpoint
+        ``start`` if it is given.
 
-        Raises :class:`InputError` for a checkpoint of another recipe, data or network, and for
-        batches of fewer samples than there are processes.
+        Raises :class:`InputError` for a checkpoint of another recipe, data set or network, and if
+        a batch has fewer samples than there are processes.
         """
         self.recipe, self.data, self.folder = recipe, data, folder
         self.processes, self.device = processes, processes.device
@@ -83,24 +85,24 @@ class Training:
         self.elapsed_s = 0.0
         self.history: list[dict[str, float]] = []
         self.started_from: dict[str, Any] | None = None
-        """What the network that this one started from was trained on."""
+        """The training metadata of the network from which this training started."""
         folder.mkdir(parents=True, exist_ok=True)
         if (folder / LAST).exists():
             self._resume(load_checkpoint(folder / LAST))
         elif start is not None:
             self._start(start, load_checkpoint(start))
         if processes.agreed(self.epoch) != [self.epoch]:
-            remedy = "put it where all processes see it"
-            raise InputError(folder, "is not the folder that the first process has", remedy)
+            remedy = "use a folder that all processes can access"
+            raise InputError(folder, "is not the folder of the first process", remedy)
 
     def run(self, minutes: float | None, report: Callable[[str], None]) -> None:
-        """Train to the recipe's last epoch, or for ``minutes`` in all if that is sooner.
+        """Train to the last epoch of the recipe, or for ``minutes`` in total if that is sooner.
 
-        The learning rate follows whichever of the two is nearer its end. Where the recipe has a
-        patience, that may end it before.
+        The learning rate follows whichever of the two is nearer to its end. The training may end
+        earlier if the recipe has a patience.
         """
         if self.epoch:
-            report(f"going on after epoch {self.epoch}")
+            report(f"resuming after epoch {self.epoch}")
         while not self.ended:
             start = time.monotonic()
             loss = self._train_epoch(minutes, start)
@@ -126,11 +128,11 @@ class Training:
                 f"learning rate {row['learning_rate']:.2e}  {row['minutes']:.1f} min"
             )
         if self.epoch < self.recipe.training.epochs and self.progress < 1.0:
-            report(f"ends with no smaller epsilon since epoch {best_epoch(self.history)}")
+            report(f"ended: no smaller epsilon since epoch {best_epoch(self.history)}")
 
     @property
     def ended(self) -> bool:
-        """Whether its epochs, its time or its patience are over."""
+        """Whether the limit of epochs, of time or of patience is reached."""
         training = self.recipe.training
         if self.epoch >= training.epochs or self.progress >= 1.0:
             return True
@@ -139,7 +141,7 @@ class Training:
         return self.epoch - best_epoch(self.history) >= training.patience
 
     def scores(self) -> tuple[float, float]:
-        """Mean epsilon and mean delta over the validation clouds, each with one fixed noise."""
+        """Mean epsilon and mean delta over the validation clouds, with a fixed noise."""
         epsilon, delta = scores(self.estimate(self.validation.radiance), self.validation.extinction)
         return epsilon, delta
 
@@ -183,7 +185,7 @@ class Training:
         reduced = self.recipe.training.reduced_precision
         with torch.autocast(self.device.type, torch.bfloat16, enabled=reduced):
             outputs = self.layers(images, self.recipe.training.leak)
-        # By the clouds of each share, so that the mean over processes is that over the batch.
+        # Weighted by the size of the share, so that the mean over processes is that over the batch.
         weight = len(truth) * self.processes.count / len(batch)
         loss = weight * loss_of(self.recipe.loss, truth, outputs.float())
         loss.backward()
@@ -191,7 +193,7 @@ class Training:
         return loss.item()
 
     def _crop(self, images: Tensor, generator: torch.Generator) -> tuple[slice, slice]:
-        """The rows and columns that this step takes."""
+        """The rows and columns that this step uses."""
         training = self.recipe.training
         if training.crop == 0 or self.progress >= training.crop_until:
             return slice(None), slice(None)
@@ -205,7 +207,7 @@ class Training:
     def _input(
         self, radiance: Tensor, rows: slice = slice(None), cols: slice = slice(None)
     ) -> Tensor:
-        """What the first layer sees of noisy images, of some rows and columns."""
+        """The input of the first layer for noisy images, restricted to some rows and columns."""
         scaled = radiance.to(self.device) * self.recipe.scaling.input_scale
         lifted = self.network.lifted(scaled)[..., rows, cols]
         return lifted.contiguous(memory_format=torch.channels_last)
@@ -256,7 +258,7 @@ class Training:
 
     def _resume(self, checkpoint: dict[str, Any]) -> None:
         path = self.folder / LAST
-        remedy = "go on with the same recipe and data, or train in another folder"
+        remedy = "resume with the same recipe and data, or train in another folder"
         if "metadata" not in checkpoint:
             raise InputError(path, "is not a checkpoint of this program", remedy)
         if completed(checkpoint["recipe"]) != self.recipe.resolved():
@@ -273,23 +275,24 @@ class Training:
 
 
 def validation_images(data: Dataset, sensor: Sensor, seed: int) -> Tensor:
-    """The validation clouds' images with the one noise that scores are taken with."""
+    """The images of the validation clouds with the fixed noise that is used for the scores."""
     return sensor.sense(data.validation.radiance, _generator(seed, _VALIDATION_NOISE))
 
 
 def _batches(order: Tensor, size: int) -> list[Tensor]:
-    # A last batch that is too small would spoil the batch norm's statistics.
+    # A small last batch is left out, as its statistics would degrade the batch normalisation.
     return [batch for batch in order.split(size) if 2 * len(batch) > size] or [order]
 
 
 def _part(length: int, crop: int, shift: int) -> slice:
-    """``crop`` of ``length`` lines, ``shift`` off the middle where there is room."""
+    """``crop`` of ``length`` lines, ``shift`` lines from the centre as far as there is room."""
     start = min(max((length - crop) // 2 + shift, 0), max(length - crop, 0))
     return slice(start, start + crop)
 
 
 def learning_rate(training: TrainingRecipe, progress: float) -> float:
-    """The learning rate at a share of the training: up along a line, down along a cosine."""
+    """The learning rate at a fraction of the training: it increases linearly and decreases along a
+    cosine."""
     if progress < training.warmup:
         return training.learning_rate * (0.01 + 0.99 * progress / training.warmup)
     fall = (progress - training.warmup) / (1.0 - training.warmup)
@@ -297,8 +300,8 @@ def learning_rate(training: TrainingRecipe, progress: float) -> float:
 
 
 def loss_of(recipe: LossRecipe, truth: Tensor, outputs: Tensor) -> Tensor:
-    """The loss of a batch of scaled extinction ``[n, z, y, x]``; ``outputs`` are the network's,
-    its uncertainty after the extinction if it has one."""
+    """The loss for a batch of scaled extinction ``[n, z, y, x]``. ``outputs`` are those of the
+    network: the extinction, followed by its uncertainty if the network estimates it."""
     estimate, uncertainty = outputs.split_with_sizes(
         [truth.shape[1], outputs.shape[1] - truth.shape[1]], 1
     )
@@ -313,7 +316,7 @@ def loss_of(recipe: LossRecipe, truth: Tensor, outputs: Tensor) -> Tensor:
         epsilon = difference.abs().sum((1, 2, 3)) / amounts
         loss = loss + recipe.relative * epsilon.mean()
     if uncertainty.numel():
-        # The error is what it is: it must not become what is easily told.
+        # Detached, so that the uncertainty term has no effect on the extinction.
         missed = (uncertainty - difference.detach().abs()).square().sum((1, 2, 3))
         loss = loss + recipe.uncertainty * (missed / squares).mean()
     return loss
@@ -329,7 +332,7 @@ def _generator(seed: int, epoch: int) -> torch.Generator:
 
 
 def _layout(recipe: Recipe, data: Dataset) -> dict[str, Any]:
-    """Where images and voxels are, as a file of weights tells it."""
+    """The geometry of images and voxels, in the form used in weights files."""
     geometry, levels = data.geometry, data.manifest["levels"]
     dx, dy, dz = data.voxel_spacing_km
     levels = {"bottom_km": levels["bottom_km"], "count": data.levels, "spacing_km": dz}
@@ -342,7 +345,7 @@ def _layout(recipe: Recipe, data: Dataset) -> dict[str, Any]:
             "pixel_km": list(geometry.pixel_km),
             "camera_distance_km": list(geometry.camera_distance_km),
         },
-        # The cameras of a dataset aim at the middle of its samples.
+        # The cameras of a data set are pointed at the centre of its samples.
         "target_altitude_km": levels["bottom_km"] + 0.5 * data.levels * dz,
         "image_layout": recipe.network.image_layout(levels),
         "horizontal_spacing_km": [dx, dy],
@@ -351,7 +354,7 @@ def _layout(recipe: Recipe, data: Dataset) -> dict[str, Any]:
 
 
 def _metadata(recipe: Recipe, data: Dataset, row: dict[str, float]) -> dict[str, Any]:
-    """What a file of these weights says about them, but for the layers."""
+    """The metadata of the weights, without those of the layers."""
     return {
         **_layout(recipe, data),
         "formation": data.formation,

@@ -6,8 +6,8 @@ use deepct_core::math::DVec3;
 use deepct_core::scene::{Formation, Observation, Sun};
 use ndarray::Array3;
 
-/// Images in which the middle four pixels of every view are bright, and a grid whose
-/// middle the views look at.
+/// Writes images in which the central four pixels of every view are bright, and a volume on a grid
+/// whose centre the cameras point at. Returns the grid.
 fn scene(program: &Program) -> Grid {
     let grid = Grid::new(DVec3::ZERO, DVec3::splat(0.05), [8, 8, 8]).unwrap();
     let views = Formation::cloudct_10().views(grid.center(), [16, 16]).unwrap();

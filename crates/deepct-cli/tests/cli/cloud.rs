@@ -2,7 +2,7 @@ use crate::program::Program;
 use deepct_core::io::{read_cloud, read_grid};
 use std::path::PathBuf;
 
-/// A small simulation made by the netCDF library, with its generator beside it.
+/// The path of a small simulation written by the netCDF library (see les.py in the same folder).
 fn simulation(name: &str) -> String {
     let fixtures = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../deepct-core/tests/fixtures");
     fixtures.join(name).canonicalize().unwrap().display().to_string()

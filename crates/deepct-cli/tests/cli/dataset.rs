@@ -4,7 +4,7 @@ const SETTINGS: &str = "formation = \"cloudct-10\"\ncolumns = 24\n\
     [[sources]]\nfile = \"field.nc\"\nsplit = \"train\"\nfirst = 0\nlast = 0\nevery = 1\n\
     clouds = 2\n";
 
-/// A program with the settings of a data set and the field that it is made of.
+/// A folder with the settings of a data set and the cloud field that they refer to.
 fn program() -> Program {
     let program = Program::new();
     program.succeed("cloud generate --kind field --seed 3 --out field.nc");
@@ -26,7 +26,8 @@ fn a_data_set_is_made_resumed_and_checked() {
     program.refuse("dataset check set", &["manifest.json"]);
     let again = program.succeed("dataset generate set.toml --out set");
     assert!(again.starts_with("2 samples, 0 of them made now"), "{again}");
-    assert_eq!(program.succeed("dataset check set"), "2 samples, all as the manifest says\n");
+    let checked = program.succeed("dataset check set");
+    assert_eq!(checked, "2 samples, all consistent with the manifest\n");
 }
 
 #[test]
@@ -46,7 +47,8 @@ fn wrong_input_is_refused() {
     assert!(share.code == 2 && share.stderr.contains("3/8"), "{}", share.stderr);
 }
 
-/// Every recipe that ships gets as far as its simulations, which do not.
+/// Every recipe in the repository is valid: planning fails only because the simulations, which are
+/// not in the repository, are not found.
 #[test]
 fn recipes_that_ship_are_valid() {
     let program = Program::new();

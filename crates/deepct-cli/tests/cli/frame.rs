@@ -1,4 +1,4 @@
-//! What all verbs share: flags, help, settings, manual pages, completions.
+//! Tests of what all verbs share: common options, help, settings, manual pages, completions.
 
 use crate::program::Program;
 
@@ -8,7 +8,7 @@ fn verbs(program: &Program) -> Vec<String> {
     let (_, list) = help.split_once("Commands:\n").unwrap();
     let (list, _) = list.split_once("\n\n").unwrap();
     let first = |line: &str| line.split_whitespace().next().unwrap().to_owned();
-    // A line that goes on with the description of the one above is indented further.
+    // Continuation lines of a description have a larger indent.
     list.lines().filter(|line| !line.starts_with("   ")).map(first).collect()
 }
 

@@ -19,7 +19,7 @@ fn provenance() -> Provenance {
     Provenance { title: "A test".into(), configuration: String::new(), seed: 0 }
 }
 
-/// Images of a bright square in every view.
+/// Images with a bright rectangle in every view.
 fn observation() -> Observation {
     let views = Formation::cloudct_10().views(TARGET, [9, 12]).unwrap();
     let radiance = Array3::from_shape_fn((10, 9, 12), |(view, row, col)| {
@@ -29,7 +29,7 @@ fn observation() -> Observation {
     Observation::new(Sun::default(), views, ViewStack::new(radiance).unwrap()).unwrap()
 }
 
-/// Weights for those images: two layers, six levels around the target.
+/// Weights for the formation of these images, with two layers and six levels around the target.
 fn weights(observation: &Observation, image_layout: ImageLayout) -> Weights {
     let planes = match &image_layout {
         ImageLayout::Planes(planes) => planes.altitudes_km.len(),
@@ -69,7 +69,7 @@ fn weights(observation: &Observation, image_layout: ImageLayout) -> Weights {
     Weights::new(metadata, layers).unwrap()
 }
 
-/// The images and the weights as files.
+/// Writes the images and the weights to files.
 fn files(program: &Program) -> (Observation, Weights) {
     let observation = observation();
     let weights = weights(&observation, ImageLayout::Camera);
@@ -101,7 +101,7 @@ fn images_are_laid_on_the_planes_of_the_weights() {
     let mut weights = weights(&observation, planes);
     write_weights(program.path("P.safetensors"), &weights).unwrap();
     let text = program.succeed("weights inspect P.safetensors");
-    assert!(text.contains("images           on 2 planes at 0.94 1.06 km"), "{text}");
+    assert!(text.contains("images           resampled onto 2 planes at 0.94 1.06 km"), "{text}");
     program.succeed("infer N.nc --weights P.safetensors --out V.nc");
     let volume = read_volume(program.path("V.nc")).unwrap();
     let infer = |weights: &Weights| {
@@ -206,7 +206,7 @@ fn weights_that_cannot_be_used_are_refused() {
     files(&program);
     let whole = std::fs::read(program.path("W.safetensors")).unwrap();
     std::fs::write(program.path("cut.safetensors"), &whole[..whole.len() - 4]).unwrap();
-    // The name of a layer changed in place: one is missing.
+    // The name of one tensor is changed in place, so that a tensor is missing.
     let name = whole.windows(13).position(|at| at == b"layers.1.bias").unwrap();
     let mut renamed = whole;
     renamed[name + 7] = b'7';
@@ -229,7 +229,7 @@ fn inspection_tells_what_weights_are_for() {
     let text = program.succeed("weights inspect W.safetensors");
     for words in [
         "cloudct-10, 10 views",
-        "images           as the cameras took them",
+        "images           in camera geometry",
         "2, 1166 parameters",
         "10 8 6",
         "epsilon          0.25",

@@ -7,7 +7,8 @@ use deepct_core::io::{
 use deepct_core::math::DVec3;
 use deepct_core::metrics::relative_error;
 
-/// The images of a ball of 20 /km above a surface.
+/// Renders the images of a ball with an extinction of 20 /km above a surface. Returns the true
+/// extinction.
 fn ball(program: &Program) -> Volume {
     let grid = Grid::new(DVec3::new(0.0, 0.0, 0.8), DVec3::splat(0.05), [8, 16, 16]).unwrap();
     let mut ball = Volume::constant(grid, 0.0);
@@ -31,7 +32,7 @@ fn an_inversion_comes_near_the_truth_and_leaves_nothing_but_its_answer() {
                 --out V.nc";
     let run = program.run(line);
     assert_eq!(run.code, 0, "{}", run.stderr);
-    // A line for each step where there is no terminal.
+    // Without a terminal, every step is reported on a line.
     assert!(run.stderr.contains("blocks of 2, step 1, misfit"), "{}", run.stderr);
     assert!(run.stdout.contains("epsilon") && run.stdout.contains("steps"), "{}", run.stdout);
     assert_eq!(program.files(), ["C.nc", "I.nc", "V.nc"]);
@@ -40,14 +41,14 @@ fn an_inversion_comes_near_the_truth_and_leaves_nothing_but_its_answer() {
     assert!(relative_error(&truth, &found).unwrap() < 0.6);
     let mut outside = found.values.iter().zip(&mask.values).filter(|(_, inside)| !**inside);
     assert!(mask.count() < mask.values.len() && outside.all(|(value, _)| *value == 0.0));
-    // From there, one more step is taken, and less is left to do.
+    // A second run starts from this estimate and takes one more step.
     let again = program.run("invert I.nc --grid C.nc --init V.nc --iterations 1 --out W.nc");
     assert!(again.code == 0 && again.stderr.contains("step 0"), "{}", again.stderr);
     program.succeed("score --truth C.nc V.nc W.nc");
 }
 
-/// The truth explains its images in the light of their file, which nobody repeats; what contradicts it
-/// is said.
+/// The inversion reads the scene illumination from the file of the images and reproduces the images
+/// of the truth. An option that contradicts the file is reported.
 #[test]
 fn the_light_travels_with_the_images() {
     let program = Program::new();
@@ -101,7 +102,7 @@ fn what_cannot_be_inverted_is_refused() {
     }
     let wrong = "invert C.nc --grid C.nc --out V.nc";
     program.refuse(wrong, &["C.nc", "radiance"]);
-    // The images are not of a scene at the altitude that the weights are for.
+    // The target altitude of the images is not that of the weights.
     program.refuse("hybrid I.nc --weights cloudct-10 --out V.nc", &["I.nc"]);
 }
 

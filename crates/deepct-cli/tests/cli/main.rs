@@ -1,4 +1,4 @@
-//! The real program, driven as a user does: its files, its words, its exit status.
+//! Tests of the compiled program on the command line: its files, its output and its exit status.
 
 mod carve;
 mod cloud;

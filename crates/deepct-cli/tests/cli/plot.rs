@@ -21,7 +21,7 @@ fn scene(program: &Program) {
     write_observation(program.path("I.nc"), &observation, &provenance).unwrap();
 }
 
-/// Width and height in the header of a PNG file.
+/// Reads the width and height from the header of a PNG file.
 fn size(program: &Program, name: &str) -> [u32; 2] {
     let bytes = std::fs::read(program.path(name)).unwrap();
     assert_eq!(&bytes[..8], b"\x89PNG\r\n\x1a\n");

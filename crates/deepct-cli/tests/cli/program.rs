@@ -1,4 +1,4 @@
-//! A folder for one test and the program run in it.
+//! A temporary folder for one test, in which the program is run.
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
@@ -8,7 +8,7 @@ pub(crate) struct Program {
     folder: tempfile::TempDir,
 }
 
-/// What a run of the program left.
+/// Exit status and output of a run of the program.
 pub(crate) struct Run {
     pub(crate) code: i32,
     pub(crate) stdout: String,
@@ -20,7 +20,7 @@ impl Program {
         Self { folder: tempfile::tempdir().unwrap() }
     }
 
-    /// A file of the folder.
+    /// The path of a file in the folder.
     pub(crate) fn path(&self, name: &str) -> PathBuf {
         self.folder.path().join(name)
     }
@@ -35,13 +35,13 @@ impl Program {
         names
     }
 
-    /// Run with the words of a command line.
+    /// Runs the program with the arguments of a command line, separated by whitespace.
     pub(crate) fn run(&self, arguments: &str) -> Run {
         let output: Output = Command::new(Path::new(env!("CARGO_BIN_EXE_deepct")))
             .args(arguments.split_whitespace())
             .current_dir(self.folder.path())
-            // HDF5 locks the files that it writes. A program started by one test inherits
-            // the lock of a file that another test is just writing, and holds it on.
+            // HDF5 locks the files that it writes. A program started by one test inherits the
+            // lock of a file that another test is writing, and would not release it.
             .env("HDF5_USE_FILE_LOCKING", "FALSE")
             .output()
             .unwrap();
@@ -52,15 +52,15 @@ impl Program {
         }
     }
 
-    /// Run what must succeed; its standard output.
+    /// Runs a command line that must succeed. Returns the standard output.
     pub(crate) fn succeed(&self, arguments: &str) -> String {
         let run = self.run(arguments);
         assert_eq!(run.code, 0, "deepct {arguments}: {}", run.stderr);
         run.stdout
     }
 
-    /// Run what must fail: exit status 2, one line that has all `words`, no file
-    /// more or less than before.
+    /// Runs a command line that must fail: with exit status 2, an error of one line that contains
+    /// all `words`, and no file created or removed.
     pub(crate) fn refuse(&self, arguments: &str, words: &[&str]) {
         let before = self.files();
         let run = self.run(arguments);

@@ -5,7 +5,7 @@ use deepct_core::io::{Provenance, read_observation, write_cloud, write_volume};
 use deepct_core::math::DVec3;
 use ndarray::Array3;
 
-/// A block of cloud in the middle of a grid of 6 x 7 columns.
+/// Writes a cloud that is a block in the centre of a grid with 6 x 7 columns.
 fn cloud(program: &Program, name: &str) {
     let spacing = DVec3::new(0.05, 0.05, 0.04);
     let grid = Grid::new(DVec3::new(0.0, 0.0, 0.6), spacing, [5, 6, 7]).unwrap();
@@ -31,7 +31,7 @@ fn images_have_the_views_and_the_size_of_the_grid() {
     assert_ne!(observation, read("other.nc"));
     assert_eq!(observation.images.shape(), [10, 6, 7]);
     assert_eq!(observation.geometry().sun_zenith_deg.round(), 30.0);
-    // View 5 looks straight down: cloud in the middle, a black surface around it.
+    // View 5 points to nadir: cloud in the centre, a black surface around it.
     let nadir = observation.images.image(5);
     assert!(nadir.sum() > 0.1, "{nadir}");
     assert!(nadir[[0, 0]] == 0.0 && nadir[[5, 6]] == 0.0, "{nadir}");
@@ -52,7 +52,8 @@ fn droplets_scatter_by_their_size() {
     program.refuse(&format!("{render} --set optics.phase=magic"), &["magic", "config light"]);
 }
 
-/// Three voxels side by side with 0.3 g/m3 of water in droplets of 10 um in the middle.
+/// Writes three voxels in a row, of which the central one has a liquid water content of 0.3 g/m3
+/// and an effective radius of 10 um.
 fn droplets(program: &Program, name: &str) {
     let grid = Grid::new(DVec3::ZERO, DVec3::splat(0.05), [1, 1, 3]).unwrap();
     let at = |value| Array3::from_shape_vec((1, 1, 3), vec![0.0, value, 0.0]).unwrap();
@@ -66,8 +67,9 @@ fn droplets(program: &Program, name: &str) {
     write_cloud(program.path(name), &cloud, &provenance).unwrap();
 }
 
-/// What is scored is what was rendered: 45 km-1 by whatever phase function, and 2.104 / 2 of
-/// that where Mie's extinction is asked for. It shows in what comes through unscattered.
+/// `score` uses the same extinction as `render`: 45 km-1 for every phase function, multiplied by
+/// 2.104 / 2 if the Mie extinction is requested. The extinction of `render` follows from the
+/// fraction of the light that is transmitted unscattered.
 #[test]
 fn rendering_and_scoring_take_the_same_extinction() {
     let program = Program::new();
@@ -153,7 +155,7 @@ fn a_wanted_noise_is_reached() {
     let program = Program::new();
     cloud(&program, "C.nc");
     let printed = program.succeed("render C.nc --views cloudct-10 --noise 0.1 --out I.nc");
-    assert!(printed.contains("photon paths each"), "{printed}");
+    assert!(printed.contains("photon paths per pixel"), "{printed}");
     let observation = read_observation(program.path("I.nc")).unwrap();
     let (images, errors) = (observation.images, observation.standard_error.unwrap());
     let (mut squares, mut bright) = (0.0, 0.0);

@@ -11,7 +11,8 @@ fn write(program: &Program, name: &str, shape: [usize; 3], value: impl Fn(usize)
     write_volume(program.path(name), &Volume::new(grid, values).unwrap(), &provenance).unwrap();
 }
 
-/// Extinctions 0, 10, 20 and 30 from west to east, and an estimate of 5 everywhere.
+/// Writes a truth with extinctions of 0, 10, 20 and 30 from west to east, an estimate of 5
+/// everywhere, and a mask of the westernmost and easternmost columns.
 fn scene(program: &Program) {
     write(program, "C.nc", [2, 3, 4], |i| 10.0 * i as f32);
     write(program, "flat.nc", [2, 3, 4], |_| 5.0);
@@ -29,7 +30,7 @@ fn a_row_per_file() {
     let rows: Vec<Vec<&str>> =
         table.lines().map(|line| line.split_whitespace().collect()).collect();
     assert_eq!(rows[1], ["C.nc", "0.0000", "0.0000", "0.0000", "1.0000"]);
-    // By hand: (5 + 5 + 15 + 25) / 60, (60 - 20) / 60, sqrt((25 + 25 + 225 + 625) / 4).
+    // Computed by hand: (5 + 5 + 15 + 25) / 60, (60 - 20) / 60, sqrt((25 + 25 + 225 + 625) / 4).
     assert_eq!(rows[2], ["flat.nc", "0.8333", "0.6667", "15.0000", "-"]);
     assert_eq!(rows[4], ["M.nc", "0.5000", "0.50000", "1.0000", "0.6667"]);
 }

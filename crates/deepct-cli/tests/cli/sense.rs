@@ -5,7 +5,8 @@ use deepct_core::math::DVec3;
 use deepct_core::scene::{Formation, Observation, Sun};
 use ndarray::Array3;
 
-/// A file of ten views of 8 x 8 pixels, brighter to the east.
+/// Writes ten views of 8 x 8 pixels with a radiance that increases to the east, multiplied by
+/// `sign`.
 fn images(program: &Program, name: &str, sign: f32) {
     let views = Formation::cloudct_10().views(DVec3::new(0.2, 0.2, 1.0), [8, 8]).unwrap();
     let radiance =

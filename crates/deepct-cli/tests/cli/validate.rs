@@ -20,7 +20,7 @@ fn derivatives_of_the_deterministic_solver_are_differences() {
     let printed = Program::new().succeed("validate --suite gradients --json");
     let rows: serde_json::Value = serde_json::from_str(&printed).unwrap();
     let rows = rows.as_array().unwrap();
-    // Eight voxels and four directions at each of four extinctions.
+    // Eight voxels and four directions for each of four extinctions.
     assert_eq!(rows.len(), 48, "{printed}");
     for row in rows {
         assert!((row["value"].as_f64().unwrap() - 1.0).abs() < 0.02, "{row}");

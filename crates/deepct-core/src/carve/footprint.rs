@@ -1,4 +1,4 @@
-//! What of an image shows one voxel.
+//! The pixels onto which a voxel projects.
 
 use crate::grid::Grid;
 use crate::math::DVec3;
@@ -10,8 +10,8 @@ use std::ops::Range;
 /// Overlaps thinner than this (pixels) are rounding errors.
 const TOUCH: f64 = 1e-6;
 
-/// The corners at the two ends of each edge of a voxel. Corner `4 k + 2 j + i` is the
-/// upper one along z if `k`, y if `j`, x if `i` is 1.
+/// The two corners that each edge of a voxel connects. Corner `4 k + 2 j + i` is the upper one
+/// along z if `k`, along y if `j`, and along x if `i` is 1.
 const EDGES: [(usize, usize); 12] = [
     (0, 1),
     (2, 3),
@@ -27,17 +27,17 @@ const EDGES: [(usize, usize); 12] = [
     (3, 7),
 ];
 
-/// Where the corners of a block of voxels fall in an image: `(row, col)`, not a number behind the
-/// camera.
+/// Projections of the corners of a block of voxels onto an image: `(row, col)`, NaN for a corner
+/// behind the camera.
 #[derive(Default)]
 pub(super) struct CornerPixels {
     corners: Vec<DVec2>,
-    /// Corners along z, y, x.
+    /// Number of corners along z, y, x.
     count: [usize; 3],
 }
 
 impl CornerPixels {
-    /// Those of as many corners along z, y, x, from the lower one of voxel `first` on.
+    /// Projects `count` corners along z, y, x, starting at the lower corner of voxel `first`.
     pub(super) fn find(
         &mut self,
         grid: &Grid,
@@ -54,7 +54,8 @@ impl CornerPixels {
         }
     }
 
-    /// The footprint of voxel `[k, j, i]` of the block; `None` when a part is behind the camera.
+    /// The footprint of voxel `[k, j, i]` of the block; `None` if a part of it is behind the
+    /// camera.
     pub(super) fn footprint(&self, [k, j, i]: [usize; 3]) -> Option<Footprint> {
         let [_, rows, cols] = self.count;
         let first = (k * rows + j) * cols + i;
@@ -74,7 +75,7 @@ fn corner(grid: &Grid, [k, j, i]: [usize; 3]) -> DVec3 {
 /// The cloudy pixels of an image.
 pub(super) struct CloudyPixels {
     cloudy: Array2<bool>,
-    /// Number of cloudy pixels in all rows and columns before an index.
+    /// Summed-area table: the number of cloudy pixels in all rows and columns before an index.
     sums: Array2<u32>,
 }
 
@@ -89,14 +90,14 @@ impl CloudyPixels {
         Self { cloudy, sums }
     }
 
-    /// Whether a point is in the inside of a cloudy pixel.
+    /// Whether a point is in the interior of a cloudy pixel.
     fn is_cloudy_at(&self, point: DVec2) -> bool {
         let pixel = point.floor();
         let within = point - pixel;
         let inside = within.cmpgt(DVec2::splat(TOUCH)).all()
             && within.cmplt(DVec2::splat(1.0 - TOUCH)).all()
             && pixel.cmpge(DVec2::ZERO).all();
-        // A cast from a float saturates, so what is beyond the frame is no pixel of it.
+        // Casts from floats saturate, so points beyond the frame do not index a pixel.
         inside
             && self.cloudy.get([pixel.x as usize, pixel.y as usize]).is_some_and(|cloudy| *cloudy)
     }
@@ -113,10 +114,10 @@ impl CloudyPixels {
     }
 }
 
-/// The figure of a voxel in an image: the convex hull of its corners, `(row, col)`.
+/// The projection of a voxel onto an image: the convex hull of its projected corners, `(row, col)`.
 pub(super) struct Footprint([DVec2; 8]);
 
-/// A direction in the image and how far the footprint reaches along it.
+/// A direction in the image and the extent of the footprint along it.
 struct Side {
     normal: DVec2,
     low: f64,
@@ -124,8 +125,8 @@ struct Side {
 }
 
 impl Footprint {
-    /// The footprint of a block of voxels, of which `first` is the lowest; `None` when a part is
-    /// behind the camera.
+    /// The footprint of a block of voxels, of which `first` is the lowest; `None` if a part of it
+    /// is behind the camera.
     pub(super) fn of_block(
         grid: &Grid,
         first: [usize; 3],
@@ -140,14 +141,15 @@ impl Footprint {
         Self::new(footprint)
     }
 
-    /// `None` when a corner is behind the camera: not a number.
+    /// `None` if a corner is behind the camera and its projection is therefore NaN.
     fn new(corners: [DVec2; 8]) -> Option<Self> {
         let sum: DVec2 = corners.iter().sum();
         (!sum.is_nan()).then_some(Self(corners))
     }
 
-    /// What every voxel of a block with this footprint gets as its vote, where that is known: no
-    /// pixel in its rows and columns cloudy, or all of them, and the footprint all inside the frame.
+    /// The common vote of all voxels of a block with this footprint, if there is one: the footprint
+    /// must be completely inside the frame, and either none or all of the pixels in its rows and
+    /// columns must be cloudy.
     pub(super) fn vote_of_all(&self, image: &CloudyPixels) -> Option<bool> {
         let (inside, [rows, cols]) = self.frame(image);
         let count = image.count(&rows, &cols) as usize;
@@ -155,7 +157,7 @@ impl Footprint {
         (inside && (clear || count == rows.len() * cols.len())).then_some(!clear)
     }
 
-    /// Whether the footprint is all inside the frame, and its rows and columns.
+    /// Whether the footprint is completely inside the frame, and its ranges of rows and columns.
     fn frame(&self, image: &CloudyPixels) -> (bool, [Range<usize>; 2]) {
         let (row_count, col_count) = image.cloudy.dim();
         let frame = DVec2::new(row_count as f64, col_count as f64);
@@ -165,13 +167,13 @@ impl Footprint {
         (inside, [pixels(low.x, high.x, row_count), pixels(low.y, high.y, col_count)])
     }
 
-    /// Whether a cloudy pixel overlaps the footprint; `None` when none does, but the
-    /// footprint is not all inside the frame.
+    /// Whether a cloudy pixel overlaps the footprint; `None` if no cloudy pixel does and the
+    /// footprint is not completely inside the frame.
     pub(super) fn vote(&self, image: &CloudyPixels) -> Option<bool> {
         let (inside, [rows, cols]) = self.frame(image);
         let count = image.count(&rows, &cols);
-        // Inside the frame some pixel within these rows and columns overlaps the
-        // footprint for sure: when all are cloudy, nothing need be found out.
+        // Inside the frame, at least one pixel within these rows and columns overlaps the
+        // footprint, so no overlap test is needed if all of them are cloudy.
         let all_cloudy = inside && count as usize == rows.len() * cols.len();
         if all_cloudy || (count > 0 && self.overlaps_any(image, rows, cols)) {
             return Some(true);
@@ -180,7 +182,7 @@ impl Footprint {
     }
 
     fn overlaps_any(&self, image: &CloudyPixels, rows: Range<usize>, cols: Range<usize>) -> bool {
-        // Most footprints have their middle or a corner well inside a cloudy pixel.
+        // The centre or a corner of most footprints is in the interior of a cloudy pixel.
         let middle = self.0.iter().sum::<DVec2>() / self.0.len() as f64;
         if image.is_cloudy_at(middle) || self.0.iter().any(|corner| image.is_cloudy_at(*corner)) {
             return true;
@@ -190,13 +192,12 @@ impl Footprint {
             .any(|(row, col)| image.cloudy[[row, col]] && overlaps(&sides, row, col))
     }
 
-    /// The normals of the projected edges of the voxel: all sides of the footprint are
-    /// among these edges.
+    /// The normals of the projected edges of the voxel, which include all sides of the footprint.
     fn sides(&self) -> [Side; EDGES.len()] {
         EDGES.map(|(from, to)| {
             let normal = (self.0[to] - self.0[from]).perp();
             let length = normal.length();
-            // An edge along the line of sight is a point in the image, and parts nothing.
+            // An edge along the line of sight projects to a point and has no normal.
             if length <= TOUCH {
                 return Side { normal, low: f64::NEG_INFINITY, high: f64::INFINITY };
             }
@@ -209,9 +210,9 @@ impl Footprint {
     }
 }
 
-/// Whether a pixel overlaps the footprint with these sides: two convex figures do
-/// unless a line along a side of one of them parts them. The pixel's own sides need
-/// no test, as only pixels within the footprint's rows and columns are asked for.
+/// Whether a pixel overlaps the footprint with these sides. Two convex figures overlap unless a
+/// line parallel to a side of one of them separates them. The sides of the pixel need no test,
+/// because only pixels within the rows and columns of the footprint are tested.
 fn overlaps(sides: &[Side], row: usize, col: usize) -> bool {
     let middle = DVec2::new(row as f64 + 0.5, col as f64 + 0.5);
     sides.iter().all(|side| {
@@ -221,9 +222,9 @@ fn overlaps(sides: &[Side], row: usize, col: usize) -> bool {
     })
 }
 
-/// The pixels along one axis of an image that a range overlaps.
+/// The pixels that a range overlaps along one axis of an image.
 fn pixels(low: f64, high: f64, count: usize) -> Range<usize> {
-    // A cast from a float saturates, so what is outside the frame comes out empty.
+    // Casts from floats saturate, so a range outside the frame gives an empty range of pixels.
     let first = (low + TOUCH).floor() as usize;
     let last = (high - TOUCH).ceil() as usize;
     first..last.min(count)
@@ -260,8 +261,8 @@ mod tests {
         chain
     }
 
-    /// The area that a convex polygon shares with a pixel, by cutting the polygon off
-    /// at each side of the pixel (Sutherland and Hodgman 1974).
+    /// The area that a convex polygon shares with a pixel, found by clipping the polygon at each
+    /// side of the pixel (Sutherland and Hodgman 1974).
     fn shared_area(mut polygon: Vec<DVec2>, pixel: DVec2) -> f64 {
         let corners = [DVec2::ZERO, DVec2::X, DVec2::ONE, DVec2::Y].map(|corner| pixel + corner);
         for side in 0..4 {

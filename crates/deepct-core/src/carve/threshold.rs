@@ -1,27 +1,26 @@
-//! The radiance that parts cloud from clear sky.
+//! The radiance that separates cloud from clear sky.
 
 use crate::image::ViewStack;
 
-/// How many standard deviations above the background a cloud begins.
+/// Height of the threshold above the background in standard deviations.
 const DEVIATIONS: f64 = 3.0;
-/// The least rise above the background, as a share of it, that is taken for cloud:
-/// light that clouds throw on the clear pixels beside them is less.
+/// Smallest height of the threshold above the background, relative to the background: the light
+/// that clouds scatter onto adjacent clear pixels is less than this.
 const LEAST_RISE: f64 = 0.05;
-/// Standard deviations of a normal distribution by its median absolute deviation.
+/// Standard deviation of a normal distribution divided by its median absolute deviation.
 const DEVIATIONS_PER_MEDIAN: f64 = 1.482_6;
 
-/// The radiance (1/sr) between clear sky over a dark surface and cloud, from the
+/// The radiance (1/sr) that separates clear sky over a dark surface from cloud, estimated from the
 /// distribution of all pixels of all views.
 ///
-/// The background is the densest part of the distribution, found as its half-sample
-/// mode (Robertson and Cryer 1974). Its spread is the median absolute deviation on
-/// the narrower of its two sides, as clouds widen the upper side and their shadows the
-/// lower one. The threshold is three standard deviations above the background, and at
-/// least a twentieth of it.
+/// The background is the densest part of the distribution, found as its half-sample mode (Robertson
+/// and Cryer 1974). Its spread is the median absolute deviation on the narrower of its two sides,
+/// because clouds broaden the upper side and their shadows the lower one. The threshold is three
+/// standard deviations above the background, and at least a twentieth of it.
 ///
-/// Splits of the histogram into two classes (Otsu 1979) do not serve here: over a dark
-/// ocean the two classes are the shadows and all the rest. Where clear sky is nowhere
-/// to be seen there is no background, and a threshold must be given.
+/// Methods that split the histogram into two classes (Otsu 1979) are unsuitable: over a dark ocean
+/// surface, the two classes are the shadows and all other pixels. If the images contain no clear
+/// sky, there is no background, and the threshold must be given explicitly.
 pub fn cloud_threshold(images: &ViewStack) -> f32 {
     let mut sorted: Vec<f64> = images.values.iter().map(|&radiance| f64::from(radiance)).collect();
     sorted.sort_by(f64::total_cmp);
@@ -36,8 +35,8 @@ pub fn cloud_threshold(images: &ViewStack) -> f32 {
     (background + rise.max(LEAST_RISE * background.abs())) as f32
 }
 
-/// The mode of sorted values: half of them that lie closest together, half of these,
-/// and so on. There must be at least one.
+/// The half-sample mode of sorted values: the half of the values that lie closest together is
+/// selected repeatedly. There must be at least one value.
 fn half_sample_mode(sorted: &[f64]) -> f64 {
     let mut values = sorted;
     while values.len() > 2 {
@@ -57,7 +56,7 @@ mod tests {
     use ndarray::Array3;
     use rand_distr::{Distribution, Normal};
 
-    /// Pixels around a background of 0.0138, then shadows, then clouds.
+    /// Pixels around a background of 0.0138, pixels in shadow and cloudy pixels.
     fn images(deviation: f64, shadows: usize, clouds: usize) -> ViewStack {
         let noise = Normal::new(0.0138, deviation).unwrap();
         let mut random = stream(1, Purpose::Sensor, &[deviation.to_bits()]);
@@ -78,8 +77,8 @@ mod tests {
         assert!((threshold - 0.0153).abs() < 0.0002, "{threshold}");
     }
 
-    /// Clouds and shadows on a third of the pixels widen the spread, but the threshold
-    /// stays between the background's noise and the thinnest cloud.
+    /// Clouds and shadows on 25 to 40 % of the pixels broaden the distribution, but the threshold
+    /// stays between the noise of the background and the thinnest cloud.
     #[test]
     fn clouds_and_their_shadows_do_not_hide_the_background() {
         for (shadows, clouds) in [(2000, 500), (500, 2000), (1700, 1700), (0, 4000), (4000, 0)] {

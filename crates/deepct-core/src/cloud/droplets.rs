@@ -1,24 +1,25 @@
-//! The size of droplets from the water that they hold and their number.
+//! Effective radius from liquid water content and droplet number concentration.
 
 use super::{EFFECTIVE_VARIANCE, Microphysics};
 use crate::error::{Error, Result};
 use ndarray::Array3;
 
-/// The largest effective radius that is taken (um): above it droplets collide and
-/// fall out as drizzle, and tables of droplet optics end.
+/// Upper bound of the effective radius (um). Larger droplets collide and fall out as drizzle,
+/// and the default tables of droplet optics end at 25 um.
 pub const LARGEST_RADIUS: f32 = 20.0;
 
-/// The cube of the ratio of volume-mean to effective radius: 0.80 in maritime and 0.67
-/// in continental stratocumulus (Martin, Johnson and Spice 1994).
+/// The factor k, the cube of the ratio of volume-mean radius to effective radius: 0.80 in
+/// maritime and 0.67 in continental stratocumulus (Martin, Johnson and Spice 1994).
 const SHAPE_FACTOR: f64 = 0.8;
 
 /// The density of liquid water (g/m3).
 const WATER_DENSITY: f64 = 1e6;
 
-/// The effective radius (um) of `number` droplets per cm3 that hold `water` g/m3:
-/// `reff = (3 LWC / (4 pi rho_w k N))^(1/3)` with k = 0.8 (Martin, Johnson and Spice
-/// 1994, "The measurement and parameterization of effective radius of droplets in warm
-/// stratocumulus clouds", equation 10), at most [`LARGEST_RADIUS`]; zero without water.
+/// The effective radius (um) for a liquid water content `water` (g/m3) and a droplet number
+/// concentration `number` (per cm3): `reff = (3 LWC / (4 pi rho_w k N))^(1/3)` with k = 0.8
+/// (Martin, Johnson and Spice 1994, "The measurement and parameterization of effective radius
+/// of droplets in warm stratocumulus clouds", equation 10). The result is at most
+/// [`LARGEST_RADIUS`], and zero without water.
 pub fn effective_radius(water: f32, number: f64) -> f32 {
     let per_cubic_metre = 1e6 * number;
     let cube = 3.0 * f64::from(water)
@@ -27,11 +28,11 @@ pub fn effective_radius(water: f32, number: f64) -> f32 {
 }
 
 impl Microphysics {
-    /// Droplets of the same number (per cm3) everywhere, from their water (g/m3,
-    /// `[z, y, x]`); effective variance 0.1.
+    /// Droplets with a uniform number concentration (per cm3) and a given liquid water content
+    /// (g/m3, `[z, y, x]`). The effective variance is 0.1.
     ///
     /// # Errors
-    /// A number of droplets that is not positive and finite.
+    /// Returns an error if the number concentration is not positive and finite.
     pub fn from_droplet_number(liquid_water_content: Array3<f32>, number: f64) -> Result<Self> {
         if !(number.is_finite() && number > 0.0) {
             return Err(Error::out_of_range("droplet number", number, "positive (per cm3)"));
@@ -43,9 +44,9 @@ impl Microphysics {
         Ok(Self { liquid_water_content, effective_radius, effective_variance })
     }
 
-    /// Droplets of the same effective radius (um) everywhere, for a cloud of which only
-    /// the extinction is known: 1 g/m3 of them, which plays no part where extinction is
-    /// given, and the effective variance 0.1.
+    /// Droplets with a uniform effective radius (um), for a cloud of which only the extinction
+    /// is known. The liquid water content is set to 1 g/m3, which has no effect if the
+    /// extinction is given, and the effective variance to 0.1.
     pub fn of_one_size(shape: [usize; 3], effective_radius: f32) -> Self {
         Self {
             liquid_water_content: Array3::ones(shape),
@@ -59,8 +60,8 @@ impl Microphysics {
 mod tests {
     use super::*;
 
-    /// Droplets of one volume-mean radius r hold `N 4/3 pi r^3 rho` of water, and their
-    /// effective radius is `r / k^(1/3)`.
+    /// Droplets of volume-mean radius r have a liquid water content of `N 4/3 pi r^3 rho`, and
+    /// their effective radius is `r / k^(1/3)`.
     #[test]
     fn the_water_of_a_known_number_of_droplets() {
         let (radius, number) = (8e-6_f64, 120.0);

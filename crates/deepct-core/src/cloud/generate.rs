@@ -1,10 +1,9 @@
-//! Clouds made up from a seed: shallow cumuli that look like those of a large-eddy
-//! simulation, for when none is at hand.
+//! Generator of synthetic shallow cumuli that resemble those of a large-eddy simulation.
 //!
-//! A cumulus is a few turrets side by side: columns with a flat base and a rounded top,
-//! leaning with the wind, whose outline is displaced by turbulence. Its water grows with
-//! altitude as in a parcel that rises without mixing; mixing takes a part of it, more
-//! the higher the parcel has come and the nearer it is to the edge.
+//! A cumulus consists of several adjacent turrets: columns with a flat base and a rounded top
+//! that lean with the wind and whose outline is displaced by turbulence. The liquid water content
+//! increases with altitude as in an adiabatically rising parcel and is reduced by mixing. The
+//! reduction increases with height above cloud base and towards the cloud edge.
 
 use super::turbulence::turbulence;
 use super::{Cloud, Microphysics};
@@ -17,7 +16,7 @@ use ndarray::{Array3, Axis};
 use serde::{Deserialize, Serialize};
 use std::f64::consts::TAU;
 
-/// A single cumulus in the middle of its grid.
+/// Settings of a single cumulus in the centre of its grid.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct CumulusSettings {
@@ -29,22 +28,23 @@ pub struct CumulusSettings {
     pub origin_km: [f64; 3],
     /// Altitude of cloud base (km).
     pub base_km: f64,
-    /// Width of the cloud (km); drawn between 0.5 and 1.1 km where it is not given.
+    /// Width of the cloud (km); drawn at random between 0.5 and 1.1 km if not given.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub width_km: Option<f64>,
-    /// Depth of the cloud from base to top (km); drawn in proportion to the width where
-    /// it is not given.
+    /// Depth of the cloud from base to top (km); drawn at random in proportion to the width if
+    /// not given.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub depth_km: Option<f64>,
-    /// Number of droplets per cm3.
+    /// Droplet number concentration (per cm3).
     pub droplets_per_cm3: f64,
-    /// Share of the adiabatic water that the core has near its base, in (0, 1].
+    /// Liquid water content near the base of the core as a fraction of the adiabatic value, in
+    /// (0, 1].
     pub adiabatic_fraction: f64,
-    /// How far turbulence displaces the outline, as a share of a turret's radius.
+    /// Displacement of the outline by turbulence as a fraction of a turret's radius, in `[0, 1]`.
     pub turbulence: f64,
 }
 
-/// A field of cumuli on a periodic domain.
+/// Settings of a field of cumuli on a periodic domain.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct FieldSettings {
@@ -56,22 +56,23 @@ pub struct FieldSettings {
     pub origin_km: [f64; 3],
     /// Altitude of cloud base (km).
     pub base_km: f64,
-    /// Share of columns with cloud, in (0, 0.5].
+    /// Cloud cover: the fraction of columns with cloud, in (0, 0.5].
     pub cover: f64,
     /// Width of the smallest and the largest clouds (km).
     pub widths_km: [f64; 2],
-    /// The number of clouds per width falls as the width to this power.
+    /// Exponent of the power law of the number density of cloud widths.
     pub size_exponent: f64,
-    /// Number of droplets per cm3.
+    /// Droplet number concentration (per cm3).
     pub droplets_per_cm3: f64,
-    /// Share of the adiabatic water that a core has near its base, in (0, 1].
+    /// Liquid water content near the base of a core as a fraction of the adiabatic value, in
+    /// (0, 1].
     pub adiabatic_fraction: f64,
-    /// How far turbulence displaces the outline, as a share of a turret's radius.
+    /// Displacement of the outline by turbulence as a fraction of a turret's radius, in `[0, 1]`.
     pub turbulence: f64,
 }
 
 impl Default for CumulusSettings {
-    /// 32 x 32 columns of 50 m and 32 levels of 40 m, a maritime trade cumulus.
+    /// A maritime trade cumulus on 32 x 32 columns of 50 m and 32 levels of 40 m.
     fn default() -> Self {
         Self {
             shape: [32, 32, 32],
@@ -88,8 +89,8 @@ impl Default for CumulusSettings {
 }
 
 impl Default for FieldSettings {
-    /// 6.4 km x 6.4 km with the cover and the sizes of trade cumuli: the exponent is
-    /// that of Landsat images below 1 km (Cahalan and Joseph 1989).
+    /// A domain of 6.4 km x 6.4 km with the cover and the sizes of trade cumuli. The exponent is
+    /// that of clouds below 1 km in Landsat images (Cahalan and Joseph 1989).
     fn default() -> Self {
         let cumulus = CumulusSettings::default();
         Self {
@@ -107,21 +108,21 @@ impl Default for FieldSettings {
     }
 }
 
-/// What all clouds of one grid have in common.
+/// Parameters shared by all clouds of one grid.
 struct CloudParameters<'a> {
     grid: Grid,
     turbulence: &'a Array3<f32>,
-    /// The largest value of the turbulence.
+    /// The largest value of the turbulence field.
     strongest: f64,
     base: f64,
     adiabatic_fraction: f64,
     displacement: f64,
-    /// Whether clouds reach across the sides and come in again on the other side.
+    /// Whether the domain is horizontally periodic.
     periodic: bool,
 }
 
-/// One rising column: where it stands, how wide and how tall it is (km), and how far
-/// it leans to the east and north per km of height.
+/// A turret: position, radius and height (km), and its displacement to the east and north per km
+/// of height.
 struct Turret {
     x: f64,
     y: f64,
@@ -130,11 +131,11 @@ struct Turret {
     lean: [f64; 2],
 }
 
-/// A single cumulus from a seed: the same seed, the same cloud, whatever the number of
-/// threads.
+/// Generates a single cumulus. The result depends only on the settings and the seed, not on the
+/// number of threads.
 ///
 /// # Errors
-/// A setting out of its range, or a cloud that reaches beyond its grid.
+/// Returns an error if a setting is out of range or if the cloud would extend beyond its grid.
 pub fn cumulus(settings: &CumulusSettings, seed: u64) -> Result<Cloud> {
     let grid = grid(settings.shape, settings.spacing_km, settings.origin_km)?;
     check_share("adiabatic_fraction", settings.adiabatic_fraction, 1.0)?;
@@ -144,7 +145,7 @@ pub fn cumulus(settings: &CumulusSettings, seed: u64) -> Result<Cloud> {
     let widest = 0.85 * grid.extent().x.min(grid.extent().y);
     let drawn: f64 = rng.random_range(0.5..1.1);
     let width = settings.width_km.unwrap_or(drawn.min(widest));
-    // A level of clear air remains above the top.
+    // One cloud-free level must remain above the cloud top.
     let tallest = grid.upper().z - settings.base_km - grid.spacing.z;
     let drawn = width * rng.random_range(0.8..1.5);
     let depth = settings.depth_km.unwrap_or(drawn.min(tallest));
@@ -167,11 +168,11 @@ pub fn cumulus(settings: &CumulusSettings, seed: u64) -> Result<Cloud> {
     Cloud::from_microphysics(grid, droplets)
 }
 
-/// A periodic field of cumuli from a seed. Clouds are added until they cover the
-/// wanted share of columns.
+/// Generates a periodic field of cumuli. Clouds are added until the prescribed cloud cover is
+/// reached.
 ///
 /// # Errors
-/// A setting out of its range.
+/// Returns an error if a setting is out of range.
 pub fn field(settings: &FieldSettings, seed: u64) -> Result<Cloud> {
     let grid = grid(settings.shape, settings.spacing_km, settings.origin_km)?;
     check_share("adiabatic_fraction", settings.adiabatic_fraction, 1.0)?;
@@ -194,8 +195,8 @@ pub fn field(settings: &FieldSettings, seed: u64) -> Result<Cloud> {
     let tallest = grid.upper().z - settings.base_km - grid.spacing.z;
     let mut water = Array3::zeros(grid.shape);
     let columns = (grid.shape[1] * grid.shape[2]) as f64;
-    // The bound is for settings under which no cloud holds water, such as a domain that
-    // ends just above cloud base.
+    // The number of clouds is bounded because with some settings, such as a domain that ends just
+    // above cloud base, no cloud holds water.
     for number in 0..(50.0 * columns) as u64 {
         let covered = water.fold_axis(Axis(0), 0.0_f32, |most, water: &f32| most.max(*water));
         let cover = covered.iter().filter(|most| **most > 0.0).count() as f64 / columns;
@@ -212,9 +213,9 @@ pub fn field(settings: &FieldSettings, seed: u64) -> Result<Cloud> {
     Cloud::from_microphysics(grid, droplets)
 }
 
-/// The liquid water content (g/m3) of a parcel that has risen `height` km above cloud
-/// base without mixing, in the trade-wind atmosphere of BOMEX (Siebesma et al. 2003):
-/// linear between values computed at 100, 250, 500 and 1000 m.
+/// The adiabatic liquid water content (g/m3) at `height` km above cloud base in the trade-wind
+/// atmosphere of BOMEX (Siebesma et al. 2003), interpolated linearly between values computed at
+/// 100, 250, 500 and 1000 m.
 pub fn adiabatic_liquid_water(height: f64) -> f64 {
     const TABLE: [(f64, f64); 5] =
         [(0.0, 0.0), (0.1, 0.26), (0.25, 0.62), (0.5, 1.20), (1.0, 2.26)];
@@ -224,8 +225,8 @@ pub fn adiabatic_liquid_water(height: f64) -> f64 {
 }
 
 impl CloudParameters<'_> {
-    /// Add the water of a cloud, across the sides where it reaches them; where there is
-    /// more already it stays.
+    /// Adds the liquid water content of a cloud. Where another cloud already has more water, its
+    /// value is retained.
     fn add(&self, water: &mut Array3<f32>, turrets: &[Turret]) {
         let grid = &self.grid;
         water.axis_iter_mut(Axis(0)).into_par_iter().enumerate().for_each(|(k, mut level)| {
@@ -257,8 +258,8 @@ impl CloudParameters<'_> {
         });
     }
 
-    /// How far (km) a point is from where no cloud may be: the topmost level, and the
-    /// outermost columns unless the field is periodic.
+    /// Distance (km) of a point from the voxels that must remain cloud-free: the topmost level
+    /// and, unless the field is periodic, the outermost columns.
     fn clearance(&self, at: DVec3) -> f64 {
         let (lower, upper, voxel) = (self.grid.lower(), self.grid.upper(), self.grid.spacing);
         let top = upper.z - voxel.z - at.z;
@@ -270,40 +271,38 @@ impl CloudParameters<'_> {
     }
 }
 
-/// The wave (in voxels) whose power is damped to 1/e.
+/// The wavelength (in voxels) at which the power is damped to 1/e.
 const DAMPED: f64 = 4.0;
 
-/// The distance (km) from a side or the top of the grid over which a cloud that reaches
-/// it fades.
+/// The distance (km) from a side or the top of the grid within which a cloud is tapered.
 const FADING: f64 = 0.2;
 
-/// The height (km) over which entrained air takes all but 1/e of a core's share of the
-/// adiabatic water.
+/// The scale height (km) with which entrainment reduces the adiabatic fraction of a core.
 const ENTRAINMENT: f64 = 1.5;
 
-/// The share of its core's water that a cloud keeps at a depth below its outline, as a
-/// share of a turret's radius: air mixed in from the side leaves a third near the edge.
+/// Liquid water content relative to that of the core, as a function of the depth inside the
+/// outline in units of the turret's radius. Lateral mixing reduces it to a third near the edge.
 fn dilution(depth: f64) -> f64 {
     0.15 + 0.85 * (1.0 - (-depth / 0.5).exp())
 }
 
 impl Turret {
-    /// How far (km) the axis of the turret is from a coordinate at a height, the nearest
-    /// way around the domain. `axis` is 0 for x and 1 for y.
+    /// Signed distance (km) of a coordinate from the turret's axis at a given height, to the
+    /// nearest periodic image. `axis` is 0 for x and 1 for y.
     fn offset(&self, parameters: &CloudParameters, axis: usize, at: f64, height: f64) -> f64 {
         let period = parameters.grid.extent()[axis];
         let distance = at - [self.x, self.y][axis] - self.lean[axis] * height;
         distance - period * (distance / period).round()
     }
 
-    /// Whether the turret, displaced as far as it is anywhere, can touch a row.
+    /// Whether the turret, at its largest displacement, can intersect a row.
     fn reaches(&self, parameters: &CloudParameters, y: f64, height: f64) -> bool {
         let most = 1.0 + parameters.displacement * parameters.strongest;
         self.offset(parameters, 1, y, height).abs() < most * self.radius
     }
 
-    /// How deep inside the turret a point is, as a share of its radius; negative
-    /// outside. The turret bulges up to two thirds of its height and is round above.
+    /// Depth of a point inside the turret in units of its radius; negative outside. The turret
+    /// widens up to 0.6 of its height and is rounded above.
     fn depth(&self, parameters: &CloudParameters, at: DVec3, height: f64) -> f64 {
         let east = self.offset(parameters, 0, at.x, height);
         let north = self.offset(parameters, 1, at.y, height);
@@ -313,19 +312,19 @@ impl Turret {
             0.8 + 0.2 * rise / bulge
         } else {
             let round = (rise - bulge) / (1.0 - bulge);
-            // Above the top the outline shrinks further, so that depth keeps falling.
+            // Above the top the outline becomes negative, so that the depth continues to decrease.
             if round < 1.0 { (1.0 - round * round).sqrt() } else { 2.0 * (1.0 - round) }
         };
         outline - east.hypot(north) / self.radius
     }
 }
 
-/// The turrets of a cloud of the given width and depth (km) around a place: a main one,
-/// and lower ones around it.
+/// The turrets of a cloud of the given width and depth (km) around a point: a main turret
+/// surrounded by lower ones.
 fn turrets(rng: &mut Stream, [x, y]: [f64; 2], width: f64, depth: f64) -> Vec<Turret> {
     let radius = 0.5 * width;
     let wind = [rng.random_range(-0.3..0.3), rng.random_range(-0.3..0.3)];
-    // The middle of the main turret, not its foot, is where the cloud is.
+    // The main turret is centred on the point at half its height, not at its base.
     let foot = |at: f64, axis: usize| at - 0.5 * depth * wind[axis];
     let main =
         Turret { x: foot(x, 0), y: foot(y, 1), radius: 0.45 * radius, height: depth, lean: wind };
@@ -350,7 +349,7 @@ fn strongest(turbulence: &Array3<f32>) -> f64 {
     f64::from(turbulence.iter().copied().fold(0.0, f32::max))
 }
 
-/// A number between two limits whose density falls as a power.
+/// Draws a number between two limits from a power-law density.
 fn power_law(rng: &mut Stream, [low, high]: [f64; 2], exponent: f64) -> f64 {
     let uniform: f64 = rng.random();
     let power = exponent + 1.0;

@@ -1,9 +1,8 @@
-//! Single clouds out of a periodic field.
+//! Isolation of single clouds from a periodic field.
 //!
-//! A cloud is a set of columns with water that touch side by side, seen from above and
-//! across the periodic sides. Columns and not voxels are joined: what hangs above or
-//! below in the same column falls into the same pixels, and a column that is kept whole
-//! keeps the optical depth that the simulation gave it.
+//! A cloud is a set of cloudy columns that share sides, also across the periodic boundaries.
+//! Columns are joined instead of voxels because water above or below in the same column projects
+//! onto the same pixels, and a complete column preserves the optical depth of the simulation.
 
 use super::{Cloud, Microphysics};
 use crate::error::{Error, Result};
@@ -11,47 +10,47 @@ use crate::grid::Grid;
 use crate::math::DVec3;
 use ndarray::{Array2, Array3, Axis, s};
 
-/// Which clouds are taken, and how large the ground around them is.
+/// Criteria for the clouds to isolate, and the size of the domain around each.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct IsolateSettings {
     /// Columns along each side of the square around a cloud.
     pub side: usize,
-    /// Columns without any cloud that must remain on every side.
+    /// Minimum number of cloud-free columns between the cloud and each side of the square.
     pub margin: usize,
-    /// A column belongs to a cloud if its water anywhere exceeds this (g/m3).
+    /// A column is cloudy if the liquid water content of any of its voxels exceeds this (g/m3).
     pub threshold: f32,
-    /// The least number of columns of a cloud.
+    /// Minimum number of columns of a cloud.
     pub columns: usize,
-    /// The least liquid water path (g/m2) that a cloud must reach in a column.
+    /// Minimum of the largest liquid water path of a cloud (g/m2).
     pub water_path: f32,
 }
 
 impl Default for IsolateSettings {
-    /// Squares of 32 columns; clouds of ten columns or more that reach 20 g/m2 (optical
-    /// depth about 5).
+    /// Squares of 32 columns; clouds of ten columns or more whose liquid water path reaches
+    /// 20 g/m2 (an optical depth of about 5).
     fn default() -> Self {
         Self { side: 32, margin: 1, threshold: 0.01, columns: 10, water_path: 20.0 }
     }
 }
 
-/// A square out of a field: one cloud alone on its ground ([`isolate`]), or all that is there
-/// ([`tile`](super::tile)).
+/// A square cut out of a field, which contains a single cloud ([`isolate`]) or all clouds within
+/// the square ([`tile`](super::tile)).
 #[derive(Debug, Clone, PartialEq)]
 pub struct Piece {
-    /// What it holds, on a grid cut out of the field's.
+    /// The cloud or clouds, on a subset of the field's grid.
     pub cloud: Cloud,
-    /// The field's row and column of its south-west corner. Counted into the periodic
-    /// neighbours: it may be negative or beyond the field.
+    /// Row and column of the south-west corner in the field. The periodic continuation counts
+    /// too, so the values may be negative or beyond the field.
     pub corner: [i64; 2],
-    /// Number of its cloudy columns.
+    /// Number of cloudy columns.
     pub columns: usize,
-    /// The largest liquid water path of its columns (g/m2).
+    /// The largest liquid water path of a column (g/m2).
     pub water_path: f32,
 }
 
-/// The water of a field seen from above, by row and column.
+/// Statistics of the columns of a field, by row and column.
 pub(super) struct Overview {
-    /// The most water of a voxel (g/m3).
+    /// Largest liquid water content of a voxel in the column (g/m3).
     pub(super) highest: Array2<f32>,
     /// Liquid water path (g/m2).
     pub(super) path: Array2<f32>,
@@ -59,7 +58,7 @@ pub(super) struct Overview {
 
 impl Overview {
     /// # Errors
-    /// A field without droplets.
+    /// Returns an error if the field has no droplets.
     pub(super) fn of(field: &Cloud) -> Result<Self> {
         let Some(droplets) = &field.microphysics else {
             return Err(Error::out_of_range("cloud field", "given by extinction", "with droplets"));
@@ -71,19 +70,19 @@ impl Overview {
         })
     }
 
-    /// The row and column inside the field that is meant by one beyond its sides.
+    /// Maps a row and column of the periodic continuation to those inside the field.
     pub(super) fn wrap(&self, [row, col]: [i64; 2]) -> (usize, usize) {
         let (rows, cols) = self.path.dim();
         (row.rem_euclid(rows as i64) as usize, col.rem_euclid(cols as i64) as usize)
     }
 }
 
-/// The clouds of a periodic field that are large enough and fit into a square with its
-/// margin, in the order of their first column from south to north, west to east.
+/// The clouds of a periodic field that are large enough and fit into a square with its margin,
+/// ordered by their first column from south to north and west to east.
 ///
 /// # Errors
-/// A field without droplets; a side that leaves no room between the margins or exceeds
-/// the field.
+/// Returns an error if the field has no droplets, or if the side leaves no room between the
+/// margins or exceeds the field.
 pub fn isolate(field: &Cloud, settings: &IsolateSettings) -> Result<Vec<Piece>> {
     let overview = Overview::of(field)?;
     let [_, rows, cols] = field.grid.shape;
@@ -116,8 +115,8 @@ pub fn isolate(field: &Cloud, settings: &IsolateSettings) -> Result<Vec<Piece>> 
     Ok(isolated)
 }
 
-/// The columns that are joined to `start`, unwrapped: each as far from it as one walked.
-/// A patch that meets itself around the domain appears as long as the domain.
+/// The cloudy columns connected to `start`, in unwrapped coordinates. A patch that connects to
+/// itself across the periodic boundaries has the extent of the whole domain.
 fn flood(
     start: (usize, usize),
     taken: &mut Array2<bool>,
@@ -140,8 +139,8 @@ fn flood(
     patch
 }
 
-/// The south-west corner of the square around the middle of the patch's bounding box,
-/// or `None` if the patch does not fit between the margins.
+/// The south-west corner of the square centred on the bounding box of the patch, or `None` if the
+/// patch does not fit between the margins.
 fn corner(patch: &[[i64; 2]], settings: &IsolateSettings) -> Option<[i64; 2]> {
     let mut corner = [0; 2];
     for axis in 0..2 {
@@ -156,7 +155,7 @@ fn corner(patch: &[[i64; 2]], settings: &IsolateSettings) -> Option<[i64; 2]> {
     Some(corner)
 }
 
-/// The columns of `patch` out of a field, on a square of `side` columns, clear around them.
+/// The columns of `patch` on a square of `side` columns; all other columns of it are cloud-free.
 pub(super) fn cut(
     field: &Cloud,
     overview: &Overview,
@@ -189,7 +188,7 @@ pub(super) fn cut(
 mod tests {
     use super::*;
 
-    /// A field of 20 x 20 columns with water in the given ones, one level high.
+    /// A field of 20 x 20 columns with water in one level of the given columns.
     fn field(columns: &[(usize, usize)]) -> Cloud {
         let grid = Grid::new(DVec3::ZERO, DVec3::new(0.05, 0.05, 0.04), [3, 20, 20]).unwrap();
         let mut water = Array3::zeros(grid.shape);
@@ -225,7 +224,7 @@ mod tests {
 
     #[test]
     fn the_water_of_a_neighbour_is_removed() {
-        // Two clouds that touch at a corner only, both within the square of each other.
+        // The two clouds touch only at a corner, and each lies within the square of the other.
         let clouds = isolate(&field(&[(5, 5), (6, 6)]), &settings(8)).unwrap();
         assert_eq!(clouds.len(), 2);
         assert_eq!((water(&clouds[0]).sum(), water(&clouds[1]).sum()), (1.0, 2.0));
@@ -240,7 +239,7 @@ mod tests {
         assert!(isolate(&field(&endless), &settings(20)).unwrap().is_empty());
         let few = IsolateSettings { columns: 6, ..settings(7) };
         assert!(isolate(&field(&row), &few).unwrap().is_empty());
-        // The wettest column holds 5 g/m3 through 40 m.
+        // The column with the most water has 5 g/m3 over 40 m.
         let thin = IsolateSettings { water_path: 200.1, ..settings(7) };
         assert!(isolate(&field(&row), &thin).unwrap().is_empty());
         assert!(isolate(&field(&row), &settings(21)).is_err());

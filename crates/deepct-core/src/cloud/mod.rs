@@ -1,7 +1,7 @@
-//! Clouds: where the liquid water is and how large its droplets are.
+//! Clouds: liquid water content and droplet sizes on a grid.
 //!
-//! A [`Cloud`] comes from a large-eddy simulation (read by `io`) or from the
-//! generator here; optics turns it into a scattering medium.
+//! A [`Cloud`] comes from a large-eddy simulation (read by `io`) or from the generator in
+//! this module; the `optics` module converts it into a scattering medium.
 
 mod droplets;
 mod generate;
@@ -21,34 +21,34 @@ use crate::error::{Error, Result};
 use crate::grid::{Grid, Volume};
 use ndarray::Array3;
 
-/// The effective variance of droplet sizes taken where none is known.
+/// Default effective variance of the droplet size distribution (dimensionless).
 pub const EFFECTIVE_VARIANCE: f32 = 0.1;
 
-/// A cloud, or a field of clouds, on a grid: droplets, or extinction, or both.
+/// A cloud or a field of clouds on a grid, given by its droplets, its extinction or both.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Cloud {
-    /// Where the voxels are.
+    /// The grid of the voxels.
     pub grid: Grid,
-    /// What the droplets are like, where it is known.
+    /// Liquid water content and droplet sizes; `None` if they are unknown.
     pub microphysics: Option<Microphysics>,
-    /// Extinction (1/km), where it is given and not to be computed from droplets.
+    /// Extinction (1/km), array `[z, y, x]`; `None` if it is to be computed from the droplets.
     pub extinction: Option<Array3<f32>>,
 }
 
-/// Liquid water and droplet sizes by voxel, arrays `[z, y, x]`.
+/// Liquid water content and droplet sizes of each voxel, arrays `[z, y, x]`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Microphysics {
     /// Liquid water content (g/m3).
     pub liquid_water_content: Array3<f32>,
-    /// Effective radius (um); zero where there is no water.
+    /// Effective radius (um); zero in voxels without water.
     pub effective_radius: Array3<f32>,
     /// Effective variance (dimensionless).
     pub effective_variance: Array3<f32>,
 }
 
 impl Microphysics {
-    /// The effective variance of the whole cloud: the mean, weighted by the water;
-    /// [`EFFECTIVE_VARIANCE`] without water.
+    /// The mean effective variance of the cloud, weighted by the liquid water content;
+    /// [`EFFECTIVE_VARIANCE`] if there is no water.
     pub fn mean_effective_variance(&self) -> f64 {
         let (mut sum, mut total) = (0.0, 0.0);
         for (water, variance) in self.liquid_water_content.iter().zip(&self.effective_variance) {
@@ -60,14 +60,14 @@ impl Microphysics {
 }
 
 impl Cloud {
-    /// The effective radius of the whole cloud (um): the mean, weighted by the extinction.
-    /// `None` without droplets.
+    /// The mean effective radius of the cloud (um), weighted by the extinction; `None`
+    /// without droplets.
     pub fn mean_effective_radius(&self) -> Option<f64> {
         let droplets = self.microphysics.as_ref()?;
         let (mut sum, mut total) = (0.0, 0.0);
         for (water, radius) in droplets.liquid_water_content.iter().zip(&droplets.effective_radius)
         {
-            // Extinction is in proportion to the water over the radius.
+            // Extinction is proportional to liquid water content divided by effective radius.
             let (water, radius) = (f64::from(*water), f64::from(*radius));
             if water > 0.0 {
                 sum += water;
@@ -77,11 +77,11 @@ impl Cloud {
         (total > 0.0).then(|| sum / total)
     }
 
-    /// A cloud known by its droplets.
+    /// A cloud given by its droplets.
     ///
     /// # Errors
-    /// A shape other than the grid's, a negative or non-finite value, or water
-    /// without an effective radius.
+    /// Returns an error if an array differs in shape from the grid, if a value is negative or
+    /// not finite, or if a voxel holds water but has no effective radius.
     pub fn from_microphysics(grid: Grid, microphysics: Microphysics) -> Result<Self> {
         let Microphysics { liquid_water_content, effective_radius, effective_variance } =
             &microphysics;
@@ -105,17 +105,17 @@ impl Cloud {
         Ok(Self { grid, microphysics: Some(microphysics), extinction: None })
     }
 
-    /// A cloud known by its extinction alone.
+    /// A cloud given by its extinction (1/km) only.
     ///
     /// # Errors
-    /// A negative or non-finite extinction.
+    /// Returns an error if an extinction is negative or not finite.
     pub fn from_extinction(extinction: Volume) -> Result<Self> {
         extinction.check_non_negative("extinction")?;
         Ok(Self { grid: extinction.grid, microphysics: None, extinction: Some(extinction.values) })
     }
 
-    /// A cloud of a given extinction in droplets of given effective radii (um); its liquid water is
-    /// that of droplets with an extinction efficiency of 2.
+    /// A cloud given by its extinction (1/km) and effective radius (um, `[z, y, x]`). The liquid
+    /// water content follows from an extinction efficiency of 2.
     ///
     /// # Errors
     /// As [`Cloud::from_extinction`] and [`Cloud::from_microphysics`].

@@ -1,24 +1,23 @@
-//! A cloud on another grid.
+//! Resampling of a cloud onto another grid.
 //!
-//! Axis by axis. Where a new cell is as large as the old ones below it or larger, its
-//! value is the mean of the old cells that it overlaps, weighted by the overlap, so no
-//! water is gained or lost (first-order conservative). Where it is smaller, its value
-//! is interpolated linearly between the old cell centres. Outside the old cells there
-//! is no water.
+//! The axes are resampled one after another. If a new cell is at least as large as the old
+//! cells that it overlaps, its value is their mean weighted by the overlap, which conserves the
+//! water (first-order conservative). If it is smaller, its value is interpolated linearly
+//! between the old cell centres. There is no water outside the old cells.
 
 use super::{Cloud, Microphysics};
 use crate::error::{Error, Result};
 use crate::grid::Grid;
 use ndarray::{Array1, Array3, Axis};
 
-/// How one new cell is made from old ones: their numbers and weights.
+/// The indices and weights of the old cells that contribute to one new cell.
 type Row = Vec<(usize, f32)>;
 
-/// The edges of cells (km) whose centres are given, ascending: half way between the
-/// centres; the outermost cells are symmetric around theirs.
+/// The cell edges (km) that belong to given ascending cell centres (km). Inner edges lie halfway
+/// between the centres; the outermost cells are symmetric around their centres.
 ///
 /// # Errors
-/// Fewer than two centres, or centres that do not ascend.
+/// Returns an error if there are fewer than two centres or they do not ascend.
 pub fn edges(centres: &[f64]) -> Result<Vec<f64>> {
     if centres.len() < 2 || !centres.is_sorted_by(|a, b| a < b) {
         return Err(Error::out_of_range(
@@ -34,11 +33,11 @@ pub fn edges(centres: &[f64]) -> Result<Vec<f64>> {
     Ok(edges)
 }
 
-/// Bring `values` `[z, y, x]`, on cells with the given `edges` along z, y and x (km,
-/// one more than cells), onto `grid`.
+/// Resamples `values` `[z, y, x]` from cells with the given `edges` along z, y and x (km, one
+/// edge more than cells) onto `grid`.
 ///
 /// # Errors
-/// When an axis of `values` does not have one cell between every two edges.
+/// Returns an error if the number of edges along an axis is not one more than that of the cells.
 pub fn resample(values: &Array3<f32>, edges: [&[f64]; 3], grid: &Grid) -> Result<Array3<f32>> {
     let mut values = values.clone();
     for (axis, edges) in edges.into_iter().enumerate() {
@@ -50,7 +49,7 @@ pub fn resample(values: &Array3<f32>, edges: [&[f64]; 3], grid: &Grid) -> Result
                 "give one edge more than cells",
             ));
         }
-        // Grid vectors are x, y, z; array axes are z, y, x.
+        // The components of grid vectors are x, y, z; the array axes are z, y, x.
         let (origin, step) = (grid.origin[2 - axis], grid.spacing[2 - axis]);
         let count = grid.shape[axis];
         if !same_cells(edges, origin, step, count) {
@@ -60,9 +59,10 @@ pub fn resample(values: &Array3<f32>, edges: [&[f64]; 3], grid: &Grid) -> Result
     Ok(values)
 }
 
-/// Bring a cloud from cells with the given `edges` along z, y and x (km) onto `grid`.
-/// Where droplets are known, liquid water and extinction are resampled and the radius
-/// follows from the two; the effective variance is weighted by the water.
+/// Resamples droplets from cells with the given `edges` along z, y and x (km) onto `grid`. The
+/// liquid water content and its ratio to the effective radius, which is proportional to the
+/// extinction, are resampled; the new effective radius follows from the two. The effective
+/// variance is weighted by the liquid water content.
 ///
 /// # Errors
 /// As [`resample`].
@@ -117,7 +117,7 @@ fn rows(edges: &[f64], origin: f64, step: f64, count: usize) -> Vec<Row> {
         .collect()
 }
 
-/// The mean over the cells between `lower` and `upper`.
+/// The mean over the cells between `lower` and `upper`, weighted by the overlap.
 fn overlap(edges: &[f64], lower: f64, upper: f64) -> Row {
     let first = edges.partition_point(|edge| *edge <= lower).saturating_sub(1);
     edges[first..]
@@ -132,7 +132,7 @@ fn overlap(edges: &[f64], lower: f64, upper: f64) -> Row {
         .collect()
 }
 
-/// Linear interpolation between cell centres; the outermost half cells are constant.
+/// Linear interpolation between cell centres. Values are constant in the outermost half cells.
 fn between(edges: &[f64], at: f64) -> Row {
     let cells = edges.len() - 1;
     if at < edges[0] || at > edges[cells] {
@@ -159,7 +159,7 @@ fn along(values: &Array3<f32>, axis: Axis, rows: &[Row]) -> Array3<f32> {
     result
 }
 
-/// The edges of a uniform axis.
+/// The `count + 1` cell edges of an axis with uniform spacing.
 pub fn uniform_edges(lower: f64, spacing: f64, count: usize) -> Vec<f64> {
     Array1::from_iter((0..=count).map(|index| lower + spacing * index as f64)).to_vec()
 }

@@ -1,44 +1,45 @@
-//! Droplet spectra given in bins, as bin microphysics has them.
+//! Droplet size spectra in bins, as simulated by bin microphysics schemes.
 
 use super::{LARGEST_RADIUS, Microphysics};
 use crate::error::{Error, Result};
 use ndarray::{Array3, Zip};
 use std::f64::consts::PI;
 
-/// The largest effective variance that is taken.
+/// Upper bound of the effective variance (dimensionless).
 pub const LARGEST_VARIANCE: f32 = 2.0;
 
-/// Droplets counted bin by bin, voxel by voxel.
+/// Sums over the size bins of a droplet spectrum in each voxel.
 ///
-/// Effective radius and variance are the mean and the relative variance of the radius,
-/// weighted by the area of the droplets: Hansen and Travis (1974), equations 2.53 and
-/// 2.54.
+/// The effective radius and effective variance are the mean and the relative variance of the
+/// radius, weighted by the cross-sectional area of the droplets: Hansen and Travis (1974),
+/// equations 2.53 and 2.54.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Spectrum {
     /// Liquid water content (g/m3).
     water: Array3<f64>,
-    /// By liquid water content: sums of 1 / r and of r (um).
+    /// Sums of 1 / r and of r (r in um), weighted by liquid water content.
     inverse: Array3<f64>,
     radius: Array3<f64>,
 }
 
-/// The radii (um) of `count` bins of which each holds droplets of twice the mass of the
-/// one before: 33 from 2 um on reach to 3.25 mm (Khain et al. 2004).
+/// The radii (um) of `count` bins in which the droplet mass doubles from one bin to the next:
+/// 33 bins starting at 2 um end at 3.25 mm (Khain et al. 2004).
 pub fn doubling_radii(smallest: f64, count: usize) -> Vec<f64> {
     (0..count).map(|bin| smallest * (bin as f64 / 3.0).exp2()).collect()
 }
 
 impl Spectrum {
-    /// No droplets, on voxels `[z, y, x]`.
+    /// A spectrum without droplets on voxels `[z, y, x]`.
     pub fn empty(shape: [usize; 3]) -> Self {
         let zeros = Array3::zeros(shape);
         Self { water: zeros.clone(), inverse: zeros.clone(), radius: zeros }
     }
 
-    /// Add droplets of one radius (um) by their liquid water content (g/m3, `[z, y, x]`).
+    /// Adds droplets of one radius (um) given by their liquid water content (g/m3, `[z, y, x]`).
     ///
     /// # Errors
-    /// A radius that is not positive; another shape; negative or non-finite water.
+    /// Returns an error if the radius is not positive and finite, if the shape differs from that
+    /// of the spectrum, or if a liquid water content is negative or not finite.
     pub fn add_water(&mut self, radius: f64, water: &Array3<f32>) -> Result<()> {
         if !(radius.is_finite() && radius > 0.0) {
             return Err(Error::out_of_range("radius of a bin", radius, "positive (um)"));
@@ -67,26 +68,28 @@ impl Spectrum {
         Ok(())
     }
 
-    /// Add droplets of one radius (um) by their number (per cm3, `[z, y, x]`).
+    /// Adds droplets of one radius (um) given by their number concentration (per cm3,
+    /// `[z, y, x]`).
     ///
     /// # Errors
     /// As [`Spectrum::add_water`].
     pub fn add_number(&mut self, radius: f64, number: &Array3<f32>) -> Result<()> {
-        // 1 um3 of water is 1e-12 g, and 1 per cm3 is 1e6 per m3.
+        // 1 um3 of water weighs 1e-12 g, and 1 per cm3 equals 1e6 per m3.
         let each = 1e-6 * 4.0 / 3.0 * PI * radius.powi(3);
         self.add_water(radius, &number.mapv(|number| (each * f64::from(number)) as f32))
     }
 
-    /// What the droplets are like in each voxel: their effective radius, at most
-    /// [`LARGEST_RADIUS`], and variance, at most [`LARGEST_VARIANCE`]. Both are zero
-    /// without water.
+    /// The liquid water content, effective radius (at most [`LARGEST_RADIUS`]) and effective
+    /// variance (at most [`LARGEST_VARIANCE`]) of each voxel. The latter two are zero without
+    /// water.
     pub fn microphysics(&self) -> Microphysics {
         let ratio = |value: f64, water: f64| if water > 0.0 { value } else { 0.0 };
         let effective_radius =
             Zip::from(&self.water).and(&self.inverse).map_collect(|&water, &inverse| {
                 (ratio(water / inverse, water) as f32).min(LARGEST_RADIUS)
             });
-        // Area is water over radius: the mean square of the radius is radius / inverse.
+        // The area is proportional to water / r, so the area-weighted mean of r^2 is
+        // radius / inverse.
         let effective_variance = Zip::from(&self.water)
             .and(&self.inverse)
             .and(&self.radius)
@@ -116,8 +119,8 @@ mod tests {
         assert!((radii[3] - 4.0).abs() < 1e-12 && (radii[32] - 3251.0).abs() < 0.1);
     }
 
-    /// Two droplets of 5 um for each one of 10 um, by hand: areas 50 and 100, volumes 250
-    /// and 1000, reff = 1250 / 150, and the variance of 5 and 10 with weights 1/3, 2/3.
+    /// Two droplets of 5 um for each one of 10 um, computed by hand: areas 50 and 100, volumes
+    /// 250 and 1000, reff = 1250 / 150, and the variance of 5 and 10 with weights 1/3 and 2/3.
     #[test]
     fn two_sizes_by_hand() {
         let mut spectrum = Spectrum::empty([1, 1, 1]);
@@ -133,8 +136,8 @@ mod tests {
         assert!((f64::from(found.liquid_water_content[[0, 0, 0]]) / water - 1.0).abs() < 1e-6);
     }
 
-    /// A gamma distribution (Hansen and Travis 1974) of known effective radius and
-    /// variance, sampled in bins much finer than it is wide.
+    /// A gamma distribution (Hansen and Travis 1974) of known effective radius and variance,
+    /// in bins much narrower than the distribution.
     #[test]
     fn a_gamma_distribution_in_bins() {
         let (a, b) = (9.0_f64, 0.12_f64);

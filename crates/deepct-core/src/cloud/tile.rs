@@ -1,18 +1,18 @@
-//! Squares of a periodic field with all the clouds in them.
+//! Partition of a periodic cloud field into squares.
 
 use super::Cloud;
 use super::isolate::{Overview, Piece, cut};
 use crate::error::{Error, Result};
 
-/// A column is cloudy if its water anywhere exceeds this (g/m3).
+/// A column is cloudy if the liquid water content of any of its voxels exceeds this (g/m3).
 const CLOUDY: f32 = 0.01;
 
-/// As many squares of `side` columns as a periodic field has room for, side by side from the row
-/// and column `origin` on, from south to north, west to east. All water is kept: clouds on an edge
-/// are cut.
+/// Partitions a periodic field into as many squares of `side` columns as fit, starting at the row
+/// and column `origin` and ordered from south to north and west to east. All water within a square
+/// is included, so clouds that cross its edges are cut.
 ///
 /// # Errors
-/// A field without droplets; a side of 0 or beyond the field's.
+/// Returns an error if the field has no droplets, or if the side is 0 or exceeds the field.
 pub fn tile(field: &Cloud, side: usize, origin: [usize; 2]) -> Result<Vec<Piece>> {
     let overview = Overview::of(field)?;
     let [_, rows, cols] = field.grid.shape;
@@ -46,7 +46,8 @@ mod tests {
     use crate::math::DVec3;
     use ndarray::Array3;
 
-    /// A field whose water tells every column from every other, and some of it thin.
+    /// A field in which each column has a different liquid water content, in some below the
+    /// threshold of a cloudy column.
     fn field(rows: usize, cols: usize) -> Cloud {
         let grid = Grid::new(DVec3::ZERO, DVec3::new(0.05, 0.05, 0.04), [2, rows, cols]).unwrap();
         let water =

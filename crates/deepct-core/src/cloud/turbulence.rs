@@ -7,21 +7,20 @@ use rand_distr::{Distribution, StandardNormal};
 use rustfft::FftPlanner;
 use rustfft::num_complex::Complex;
 
-/// The stream of the Fourier coefficients, apart from those of the clouds themselves,
-/// which are numbered from zero.
+/// The number of the random stream of the Fourier coefficients. The streams of the clouds are
+/// numbered from zero.
 const COEFFICIENTS: u64 = u64::MAX;
 
-/// A Gaussian random field of zero mean and unit variance on the voxels of `grid`,
-/// periodic along every axis, `[z, y, x]`. The power of a wave falls as
-/// `|k|^(-11/3)`, so that a one-dimensional section has the energy spectrum `k^(-5/3)`
-/// of the inertial range (Kolmogorov 1941). Waves longer than `outer_scale` (km) have
-/// no more power than those of that length; the power of a wave of length `damped` (km)
-/// is reduced to 1/e, and that of shorter ones further, as a simulation does with waves
-/// that its grid hardly holds.
+/// A Gaussian random field `[z, y, x]` of zero mean and unit variance on the voxels of `grid`,
+/// periodic along every axis. The spectral power falls as `|k|^(-11/3)`, so that a
+/// one-dimensional section has the energy spectrum `k^(-5/3)` of the inertial range
+/// (Kolmogorov 1941). The power levels off at wavelengths above `outer_scale` (km). At the
+/// wavelength `damped` (km) the power is reduced to 1/e and at shorter wavelengths further,
+/// because a simulation likewise damps waves that its grid barely resolves.
 ///
-/// Made in Fourier space: each coefficient is an independent complex normal number
-/// times the square root of its power, and the real part of the inverse transform is
-/// taken.
+/// The field is generated in Fourier space: each coefficient is an independent complex normal
+/// number times the square root of its power, and the field is the real part of the inverse
+/// transform.
 pub(super) fn turbulence(grid: &Grid, outer_scale: f64, damped: f64, seed: u64) -> Array3<f32> {
     let [nz, ny, nx] = grid.shape;
     let frequency = |index: usize, count: usize, step: f64| {
@@ -62,7 +61,7 @@ mod tests {
     use super::*;
     use crate::math::DVec3;
 
-    /// The power of a wave along a row, by the definition of the Fourier sum.
+    /// The spectral power of a row at a wave number, by the definition of the Fourier sum.
     fn power(row: &[f32], number: usize) -> f64 {
         let (mut re, mut im) = (0.0, 0.0);
         for (index, value) in row.iter().enumerate() {
@@ -73,9 +72,9 @@ mod tests {
         re * re + im * im
     }
 
-    /// Sections along each axis have the slope -5/3, less what the ends of the spectrum
-    /// take: -1.709 is the slope over these waves of the sum of `|k|^(-11/3)` over the
-    /// waves that this grid holds, computed with numpy.
+    /// Sections along each axis have a slope of -5/3 apart from the effect of the truncated
+    /// spectrum. The reference -1.709 is the slope of the sum of `|k|^(-11/3)` over the waves
+    /// that this grid resolves, fitted over the same wave numbers and computed with numpy.
     #[test]
     fn a_section_has_the_spectrum_of_the_inertial_range() {
         let grid = Grid::new(DVec3::ZERO, DVec3::splat(0.02), [96, 96, 96]).unwrap();

@@ -1,30 +1,30 @@
-//! The ways to compute a 3x3 convolution.
+//! Algorithms for a 3x3 convolution.
 
 use super::kernels::{Kernel, Tile};
 use super::shape::{BAND, Bands, TAPS};
 use crate::error::{Error, Result};
 
-/// How a convolution is computed. All give the same sums but for rounding.
+/// Algorithm of a convolution. The results differ only by rounding.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Algorithm {
-    /// The values that the taps see are gathered as rows of a matrix, which is multiplied
-    /// with the weights: the readable reference.
+    /// Gathers the input values of the taps as rows of a matrix and multiplies it with the
+    /// weights. This is the reference implementation.
     Im2col,
-    /// The same product, with the values read where they are.
+    /// Computes the same product, but reads the input values in place.
     Direct,
     /// Winograd's minimal filtering F(2x2, 3x3): 2.25 times fewer multiplications.
     WinogradF2,
-    /// Winograd's minimal filtering F(4x4, 3x3): 4 times fewer multiplications, and errors
-    /// of rounding that are several times larger.
+    /// Winograd's minimal filtering F(4x4, 3x3): 4 times fewer multiplications, and rounding
+    /// errors that are several times larger.
     WinogradF4,
 }
 
 impl Algorithm {
-    /// All of them.
+    /// All algorithms.
     pub const ALL: [Self; 4] = [Self::Im2col, Self::Direct, Self::WinogradF2, Self::WinogradF4];
 
-    /// Its name: `im2col`, `direct`, `winograd-f2` or `winograd-f4`.
+    /// The name: `im2col`, `direct`, `winograd-f2` or `winograd-f4`.
     pub fn name(self) -> &'static str {
         match self {
             Self::Im2col => "im2col",
@@ -34,10 +34,10 @@ impl Algorithm {
         }
     }
 
-    /// The algorithm of that name.
+    /// The algorithm with the given name.
     ///
     /// # Errors
-    /// Another name.
+    /// Returns an error if no algorithm has this name.
     pub fn from_name(name: &str) -> Result<Self> {
         Self::ALL.into_iter().find(|algorithm| algorithm.name() == name).ok_or_else(|| {
             let names = Self::ALL.map(Self::name).join(", ");
@@ -46,20 +46,20 @@ impl Algorithm {
     }
 }
 
-/// What the products of Winograd's filtering are made of.
+/// Number format of the products in Winograd's filtering.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[non_exhaustive]
 pub enum Precision {
-    /// Floats.
+    /// 32-bit floats.
     #[default]
     Single,
-    /// Factors rounded to bfloat16, which has 8 bits, and sums of floats: twice as many
-    /// products at a time where the processor has the instruction.
+    /// Factors are rounded to bfloat16, which has 8 significant bits, and summed as 32-bit
+    /// floats. A processor with the instruction computes twice as many products at a time.
     Bfloat16,
 }
 
 impl Precision {
-    /// Its name: `single` or `bfloat16`.
+    /// The name: `single` or `bfloat16`.
     pub fn name(self) -> &'static str {
         match self {
             Self::Single => "single",
@@ -67,10 +67,10 @@ impl Precision {
         }
     }
 
-    /// The precision of that name.
+    /// The precision with the given name.
     ///
     /// # Errors
-    /// Another name.
+    /// Returns an error if no precision has this name.
     pub fn from_name(name: &str) -> Result<Self> {
         let all = [Self::Single, Self::Bfloat16];
         all.into_iter().find(|precision| precision.name() == name).ok_or_else(|| {
@@ -80,7 +80,7 @@ impl Precision {
     }
 }
 
-/// How a layer is computed.
+/// Algorithm and precision of a layer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Method {
     pub(super) algorithm: Algorithm,
@@ -88,7 +88,7 @@ pub(super) struct Method {
 }
 
 impl Method {
-    /// The tiles of Winograd's filtering.
+    /// The tile size of Winograd's filtering, if the algorithm uses it.
     pub(super) fn tile(self) -> Option<Tile> {
         match self.algorithm {
             Algorithm::Im2col | Algorithm::Direct => None,
@@ -97,7 +97,7 @@ impl Method {
         }
     }
 
-    /// The fastest for a layer on an image: the one with the fewest operations on vectors.
+    /// The fastest method for a layer and an image size: that with the fewest vector operations.
     pub(super) fn fastest(
         kernel: Kernel,
         bands: Bands,
@@ -108,8 +108,8 @@ impl Method {
         let input_vectors = inputs.div_ceil(kernel.lanes());
         let winograd = |tile: Tile| {
             let tiles = bands.rows.div_ceil(tile.size()) * bands.cols.div_ceil(tile.size());
-            // Transforms read, compute and write each point of a vector of channels: as long
-            // as five products.
+            // Transforms read, compute and write each point of a vector of channels, which takes
+            // as long as five products.
             let transforms = 5 * tile.points() * (input_vectors + vectors);
             tiles * (tile.points() * inputs * vectors + transforms)
         };

@@ -1,4 +1,4 @@
-//! One image, or a strip of one, through all layers.
+//! The computation of all layers for one image or a strip of one.
 
 use super::kernels::SharedPlanes;
 use super::layer::BandInput;
@@ -11,30 +11,30 @@ use std::ops::{Deref, DerefMut, Range};
 use std::sync::atomic::{AtomicBool, AtomicU8};
 use std::sync::{LockResult, PoisonError, RwLock};
 
-/// The memory that an image wants on its way through the layers.
+/// The buffers for passing one image through the layers.
 #[derive(Debug)]
 pub(super) struct Lane {
     order: Order,
     lengths: Lengths,
-    /// The bands of the layers, where the order keeps them. No thread ever waits for a
-    /// lock: the order lets a band be written only when nobody reads it.
+    /// The bands of the layers, in the slots that the order assigns. No thread waits for a
+    /// lock, because the order permits writing a band only when no thread reads it.
     bands: Vec<RwLock<Aligned>>,
-    /// How far each task is.
+    /// The state of each task.
     states: Vec<AtomicU8>,
-    /// Which bands of the output were handed out.
+    /// Flags of the output bands that have been handed out.
     written: Vec<AtomicBool>,
-    /// A row of zeros, for what lies above and below the image.
+    /// A row of zeros that stands for the rows above and below the image.
     zeros: Vec<f32>,
-    /// One for each thread.
+    /// The buffers of each thread.
     workers: Vec<Worker>,
 }
 
-/// What one thread wants.
+/// The buffers of one thread.
 #[derive(Debug)]
 struct Worker {
-    /// A band of the last layer, on its way to the output.
+    /// A band of the last layer before it is copied to the output.
     last: Aligned,
-    /// What a layer works in.
+    /// The scratch memory of a layer.
     layer: Aligned,
 }
 
@@ -50,19 +50,20 @@ pub(super) struct Lengths {
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Strip {
     pub(super) computed: Range<usize>,
-    /// Those that no border but the image's own has reached.
+    /// The columns that the edges of the strip inside the image do not affect.
     pub(super) kept: Range<usize>,
 }
 
-/// What is to be done.
+/// The task of a lane: the layers, the strip and its input.
 #[derive(Clone, Copy)]
 pub(super) struct Work<'a> {
     pub(super) layers: &'a Layers,
     /// The size of the image.
     pub(super) image: Bands,
     pub(super) strip: &'a Strip,
-    /// What the first layer reads, and the number of the image in it.
+    /// The input of the first layer.
     pub(super) source: &'a dyn Source,
+    /// The index of the image in the source.
     pub(super) number: usize,
 }
 
@@ -81,12 +82,12 @@ impl Lane {
         }
     }
 
-    /// Whether it was made for these.
+    /// Whether the lane was allocated for this order and these lengths.
     pub(super) fn fits(&self, order: Order, lengths: Lengths) -> bool {
         (self.order, self.lengths) == (order, lengths)
     }
 
-    /// Its size in bytes.
+    /// The size in bytes.
     pub(super) fn bytes(&self) -> usize {
         let Lengths { band, last, layer } = self.lengths;
         let floats =
@@ -94,8 +95,8 @@ impl Lane {
         floats * size_of::<f32>() + self.states.len() + self.written.len()
     }
 
-    /// Do the work, and write the columns of the strip that are kept to `output`,
-    /// `[channel, row, col]` of the whole image.
+    /// Compute the strip and write its valid columns to `output`, `[channel, row, col]` of the
+    /// whole image.
     pub(super) fn run(&mut self, work: Work<'_>, output: &mut [f32]) {
         self.states.iter_mut().for_each(|state| *state.get_mut() = 0);
         self.written.iter_mut().for_each(|written| *written.get_mut() = false);
@@ -109,14 +110,14 @@ impl Lane {
         };
         match &mut workers[..] {
             [worker] => run((0, worker)),
-            // Threads that are busy elsewhere do not come; what would have been theirs is done
-            // all the same.
+            // Threads that are busy elsewhere do not take part; the others do
+            // their part of the work.
             workers => workers.par_iter_mut().enumerate().with_max_len(1).for_each(run),
         }
     }
 }
 
-/// What all threads see.
+/// The data that all threads share.
 #[derive(Clone, Copy)]
 struct Shared<'a> {
     order: Order,
@@ -127,7 +128,7 @@ struct Shared<'a> {
 }
 
 impl Shared<'_> {
-    /// The strip as an image of its own.
+    /// The layout of the strip as a separate image.
     fn strip(&self) -> Bands {
         Bands { rows: self.work.image.rows, cols: self.work.strip.computed.len() }
     }
@@ -157,7 +158,7 @@ impl Shared<'_> {
             (band < strip.count()).then(|| unpoisoned(self.bands[slot].read()))
         };
         let seen = [band.checked_sub(1).and_then(read), read(band), read(band + 1)];
-        // Row `index` of those seen, counted from the first row of the band above.
+        // Row `index` of the input, counted from the first row of the band above.
         let row = |index: usize| match &seen[index / BAND] {
             Some(band) => &band[index % BAND * row_len..][..row_len],
             None => &self.zeros[..row_len],
@@ -170,7 +171,7 @@ impl Shared<'_> {
         strip.clear_border(band, pitch, output);
     }
 
-    /// Lay a band of the image out by pixels.
+    /// Read a band of the image from the source and arrange it by pixels.
     fn take_in(&self, band: usize, pitch: usize, values: &mut [f32]) {
         let Work { source, number, strip: Strip { computed, .. }, .. } = self.work;
         let strip = self.strip();
@@ -179,18 +180,18 @@ impl Shared<'_> {
             pixels.fill(0.0);
             let row = band * BAND + row;
             let row = SourceRow { image: number, row, columns: computed.clone(), pitch };
-            // The first pixel is the column of zeros left of the image.
+            // The first pixel is the column of zeros to the left of the image.
             source.read(&row, &mut pixels[pitch..][..computed.len() * pitch]);
         }
         strip.clear_border(band, pitch, &mut values[..strip.len(pitch)]);
     }
 
-    /// Lay a band of the last layer out by channels.
+    /// Copy a band of the last layer to the output, arranged by channels.
     fn give_out(&self, band: usize, pitch: usize, values: &[f32]) {
         let Strip { computed, kept } = self.work.strip;
         let (strip, cols) = (self.strip(), self.work.image.cols);
         let scale = self.work.layers.scales.output;
-        let mut output = self.output.take(band).expect("the order gives out each task once");
+        let mut output = self.output.take(band).expect("the order runs each task once");
         for channel in 0..self.work.layers.output_channels() {
             let rows = output.plane(channel).chunks_exact_mut(cols);
             for (row, pixels) in rows.zip(values.chunks_exact(strip.row_len(pitch))) {
@@ -205,13 +206,13 @@ impl Shared<'_> {
     }
 }
 
-/// What a lock guards. A thread that died holding it has left numbers that are written anew
-/// before they are read.
+/// The value behind a lock, even if it is poisoned: values left by a thread that panicked are
+/// overwritten before they are read.
 pub(super) fn unpoisoned<T>(guarded: LockResult<T>) -> T {
     guarded.unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Floats that start on a cache line.
+/// A buffer of floats that is aligned to a cache line.
 #[derive(Debug)]
 pub(super) struct Aligned {
     values: Vec<f32>,

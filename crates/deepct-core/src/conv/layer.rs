@@ -1,4 +1,4 @@
-//! One convolution: its weights packed for an algorithm, and how a band runs through it.
+//! One convolution layer: its packed weights and the computation of a band of its output.
 
 use super::algorithm::{Algorithm, Method, Precision};
 use super::kernels::{
@@ -11,39 +11,39 @@ use ndarray::{Array4, ArrayView1, ArrayView4};
 use std::ops::Range;
 use std::sync::OnceLock;
 
-/// Tiles that are transformed, multiplied and transformed back at once: their points stay
-/// in the second level of cache.
+/// Number of tiles that are transformed, multiplied and transformed back together: their points
+/// stay in the second-level cache.
 const TILES_AT_ONCE: usize = 16;
 
-/// Pixels whose columns are gathered at once by im2col.
+/// Number of pixels whose columns im2col gathers together.
 const PIXELS_AT_ONCE: usize = 24;
 
-/// Points lie this much farther apart than their tiles are long, lest they compete for the
-/// same few places of the cache.
+/// Padding between the points (floats). It prevents the points from mapping to the same few
+/// cache sets.
 const POINT_GAP: usize = 16;
 
 /// A 3x3 convolution with padding 1, a bias and an optional ReLU.
 #[derive(Debug, Clone)]
 pub struct Conv2d {
     weight: Array4<f32>,
-    /// In whole vectors.
+    /// One value per output channel, padded to whole vectors.
     bias: Vec<f32>,
     relu: bool,
     kernel: Kernel,
     packed: Packed,
 }
 
-/// The weights as the algorithms want them, each form made when it is first asked for:
+/// The weights in the layouts of the algorithms, each packed on first use:
 /// `[group of output channels, tap or point, input channel, output channel]`.
 #[derive(Debug, Clone, Default)]
 struct Packed {
     taps: OnceLock<Vec<f32>>,
     points: [OnceLock<Vec<f32>>; 2],
-    /// Two input channels at a time.
+    /// Pairs of input channels.
     point_pairs: [OnceLock<Vec<Pair>>; 2],
 }
 
-/// Winograd's filtering with weights of some element.
+/// Winograd's filtering with weights of element type `E`.
 struct Filter<'a, E: 'static> {
     tile: Tile,
     products: Products<E>,
@@ -52,29 +52,29 @@ struct Filter<'a, E: 'static> {
 
 /// Tiles of a row that are computed together.
 struct TileRun<'a> {
-    /// The rows that they see, from the first column on.
+    /// The input rows that they depend on, from the first column on.
     rows: &'a [&'a [f32]],
     tiles: usize,
     /// Length of a row of the output.
     row_len: usize,
 }
 
-/// What a band of the output is computed from.
+/// The input from which a band of the output is computed.
 #[derive(Debug)]
 pub(super) struct BandInput<'a> {
-    /// The image that the band is of.
+    /// The memory layout of the image that contains the band.
     pub(super) bands: Bands,
-    /// The rows seen: one above the band, those of the band, one below.
+    /// The input rows: one above the band, those of the band, and one below.
     pub(super) rows: [&'a [f32]; SEEN],
 }
 
 impl Conv2d {
-    /// A layer from its weights `[output channel, input channel, 3, 3]` and biases, for
-    /// `kernel`. The sum is a correlation, as in PyTorch.
+    /// A layer for `kernel` from its weights `[output channel, input channel, 3, 3]` and
+    /// biases. The sum is a correlation, as in PyTorch.
     ///
     /// # Errors
-    /// Kernels that are not 3x3, no channels, or another number of biases than of
-    /// output channels.
+    /// Returns an error if the filters are not 3x3, if there are no channels, or if the number of
+    /// biases differs from that of the output channels.
     pub fn new(
         weight: ArrayView4<'_, f32>,
         bias: ArrayView1<'_, f32>,
@@ -96,38 +96,38 @@ impl Conv2d {
         Ok(Self { weight: weight.to_owned(), bias, relu, kernel, packed: Packed::default() })
     }
 
-    /// Channels read.
+    /// Number of input channels.
     pub fn input_channels(&self) -> usize {
         self.weight.dim().1
     }
 
-    /// Channels written.
+    /// Number of output channels.
     pub fn output_channels(&self) -> usize {
         self.weight.dim().0
     }
 
-    /// Floats of a pixel of the input: its channels in whole vectors.
+    /// Number of floats of an input pixel: its channels, padded to whole vectors.
     pub(super) fn input_pitch(&self) -> usize {
         self.input_channels().next_multiple_of(self.kernel.lanes())
     }
 
-    /// Floats of a pixel of the output.
+    /// Number of floats of an output pixel.
     pub(super) fn output_pitch(&self) -> usize {
         self.bias.len()
     }
 
-    /// The fastest way to compute it for an image.
+    /// The fastest method for this layer and an image.
     pub(super) fn fastest(&self, bands: Bands, precision: Precision) -> Method {
         let channels = [self.input_channels(), self.output_channels()];
         Method::fastest(self.kernel, bands, channels, precision)
     }
 
-    /// The vectors of output channels, in groups that are summed at once.
+    /// The vectors of output channels, in groups that are summed together.
     fn groups(&self) -> impl Iterator<Item = Range<usize>> + use<> {
         even_parts(self.output_pitch() / self.kernel.lanes(), self.kernel.vectors())
     }
 
-    /// Pack the weights for a method, if they were not before.
+    /// Pack the weights for a method unless they are packed already.
     pub(super) fn prepare(&self, method: Method) {
         match (method.tile(), method.precision) {
             (None, _) => _ = self.taps(),
@@ -154,8 +154,8 @@ impl Conv2d {
         })
     }
 
-    /// Lay the weights out, the points being what `of` makes of the nine taps of an input
-    /// and an output channel, and an element what `join` makes of some input channels.
+    /// Pack the weights. `of` maps the nine taps of an input and an output channel to points,
+    /// and `join` combines `CHANNELS` input channels into an element.
     fn pack<const CHANNELS: usize, const POINTS: usize, E>(
         &self,
         of: impl Fn(&[f32; TAPS]) -> [f32; POINTS],
@@ -183,7 +183,7 @@ impl Conv2d {
         packed
     }
 
-    /// Length of the scratch of one thread.
+    /// Length of the scratch memory of one thread (floats).
     pub(super) fn scratch_len(&self, method: Method) -> usize {
         let lanes = self.kernel.lanes();
         let widest = self.groups().map(|group| group.len()).max().unwrap_or(0);
@@ -199,8 +199,8 @@ impl Conv2d {
         }
     }
 
-    /// Compute a band of the output: `[row, column, channel]` with the column of zeros at
-    /// the left, whose border is left to the caller.
+    /// Compute a band of the output, `[row, column, channel]`, including the column of zeros at
+    /// the left. The caller sets the border.
     pub(super) fn run_band(
         &self,
         method: Method,
@@ -219,7 +219,7 @@ impl Conv2d {
                 self.winograd(&filter, input, output, scratch);
             }
             (Some(tile), Precision::Bfloat16) => {
-                let products = self.kernel.bfloat16().expect("the stack has asked the kernel");
+                let products = self.kernel.bfloat16().expect("the stack has checked the kernel");
                 let weights = self.point_pairs(tile);
                 let filter = Filter { tile, products, weights };
                 self.winograd(&filter, input, output, scratch);
@@ -227,7 +227,7 @@ impl Conv2d {
         }
     }
 
-    /// The rows of matrix products are pixels, whose columns are gathered first.
+    /// Gather the columns of each pixel as a row of a matrix and multiply it with the weights.
     fn im2col(&self, input: &BandInput<'_>, output: &mut [f32], scratch: &mut [f32]) {
         let (pitch, inputs) = (self.input_pitch(), self.input_channels());
         let depth = TAPS * inputs;
@@ -247,8 +247,8 @@ impl Conv2d {
         }
     }
 
-    /// As [`Conv2d::im2col`], but that the columns of a tap are read where they are: the
-    /// pixels of a row follow each other.
+    /// As [`Conv2d::im2col`], but reads the columns of a tap in place, as the pixels of a row are
+    /// contiguous.
     fn direct(&self, input: &BandInput<'_>, output: &mut [f32]) {
         let pitch = self.input_pitch();
         for (row, out) in
@@ -260,8 +260,8 @@ impl Conv2d {
         }
     }
 
-    /// Write `pixels` of a row of the output: the sums of the products of `segments`, of a
-    /// pitch and a depth, with the weights.
+    /// Write `pixels` of a row of the output: the sums over `segments`, of the given pitch and
+    /// depth, of their products with the weights.
     fn sum<const SEGMENTS: usize>(
         &self,
         segments: [&[f32]; SEGMENTS],
@@ -290,8 +290,8 @@ impl Conv2d {
         }
     }
 
-    /// Winograd's minimal filtering, some tiles at a time: transform what they see, multiply
-    /// point by point, transform back.
+    /// Apply Winograd's minimal filtering to a few tiles at a time: transform their input,
+    /// multiply point by point, and transform back.
     fn winograd<E: bytemuck::Pod>(
         &self,
         filter: &Filter<'_, E>,
@@ -315,7 +315,7 @@ impl Conv2d {
         }
     }
 
-    /// Some tiles of a row; `output` starts at their first pixel.
+    /// Compute the tiles of `run`; `output` starts at their first pixel.
     fn winograd_tiles<E: bytemuck::Pod>(
         &self,
         filter: &Filter<'_, E>,

@@ -1,10 +1,11 @@
-//! Layers that feed each other, and how each is computed.
+//! A sequence of convolution layers and the settings with which it is evaluated.
 
 use super::algorithm::Method;
 use super::shape::Bands;
 use super::{Conv2d, Scales, Settings};
 
-/// At least one layer, each of which reads as many channels as the one before writes.
+/// A non-empty sequence of layers; the input channels of each layer are the output channels of
+/// the preceding one.
 #[derive(Debug, Clone)]
 pub(super) struct Layers {
     pub(super) layers: Vec<Conv2d>,
@@ -13,12 +14,12 @@ pub(super) struct Layers {
 }
 
 impl Layers {
-    /// Channels that the last layer writes.
+    /// Number of output channels of the last layer.
     pub(super) fn output_channels(&self) -> usize {
         self.layers[self.layers.len() - 1].output_channels()
     }
 
-    /// How a layer is computed for an image.
+    /// The method by which a layer is computed for an image of this size.
     pub(super) fn method(&self, layer: &Conv2d, image: Bands) -> Method {
         let Settings { algorithm, precision, .. } = self.settings;
         let fastest = || layer.fastest(image, precision);

@@ -1,17 +1,17 @@
-//! The hand-written two-dimensional convolution: 3x3, padding 1, bias and ReLU fused.
+//! A two-dimensional 3x3 convolution with padding 1 and fused bias and ReLU.
 //!
 //! ```text
-//! Stack      layers one after another: run() computes a band of four rows at a time
-//! Source     what the first layer reads: an array, or what is made when it is wanted
-//! Lane       the memory of one image on its way through the layers
-//! Order      which thread computes which band of which layer, and when
-//! Conv2d     a layer, its weights packed once for an algorithm and a kernel
+//! Stack      a sequence of layers: run() computes bands of four rows
+//! Source     the input of the first layer: an array, or values computed on demand
+//! Lane       the buffers of one image while it passes through the layers
+//! Order      the order in which the threads compute the bands of all layers
+//! Conv2d     one layer; its weights are packed once for an algorithm and a kernel
 //! Algorithm  im2col, direct, or Winograd's minimal filtering with tiles of 2x2 or 4x4
-//! Kernel     the inner loops, compiled for the instructions that the processor has
+//! Kernel     the inner loops, compiled for the instruction set of the processor
 //! ```
 //!
-//! Between layers a pixel's channels lie side by side in whole vectors, so that every loop
-//! works on vectors of channels and no tap ever wants a shifted one.
+//! Between layers, the channels of a pixel are contiguous and padded to whole vectors. Every
+//! loop therefore works on vectors of channels, and no tap needs a shifted vector.
 
 mod algorithm;
 pub mod kernels;

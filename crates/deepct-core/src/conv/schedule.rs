@@ -1,8 +1,9 @@
-//! In which order the bands of all layers are computed, and by which thread.
+//! The order in which the threads compute the bands of all layers.
 //!
-//! A task is a band of a layer. It reads three bands of the layer before and writes one.
-//! Tasks come in blocks of some bands; a block of one layer follows that of the layer before,
-//! one band behind it, through all layers, and then comes the next block:
+//! A task computes one band of one layer from three bands of the preceding layer. The bands are
+//! grouped into blocks. A block of a layer is computed after the corresponding block of the
+//! preceding layer and is offset from it by one band; the next block follows once a block has
+//! passed through all layers:
 //!
 //! ```text
 //! bands        0 1 2 3 4 5 6 7 8
@@ -11,14 +12,15 @@
 //! layer 2      a a b b b b c c c
 //! ```
 //!
-//! What a block writes is read at once by the next layer, out of the cache. Only its last two
-//! bands are wanted again, by the block below: memory holds four such edges for each layer,
-//! however long the image, and two layers of one block. A small image is a single block.
+//! The next layer reads the result of a block immediately, while it is in the cache. Only the
+//! last two bands of a block are needed later, by the next block. For any length of the image,
+//! memory therefore holds four such edge bands per layer and two layers of one block. A small
+//! image is a single block.
 //!
-//! Threads share one list of tasks. Each takes a task that nobody has, from its own part of
-//! the block first so that it finds in its cache what it wrote there, and waits until the
-//! tasks that it depends on are done. Those come earlier in the list, so they were taken by
-//! threads that run; a thread that never comes is never waited for.
+//! The threads share one list of tasks. Each thread takes a free task, first from its own part
+//! of the block so that the data it wrote there are in its cache, and waits until the tasks on
+//! which it depends are done. These come earlier in the list, so running threads have taken them
+//! already; no thread waits for one that has not started.
 
 use std::ops::Range;
 use std::sync::atomic::{AtomicU8, Ordering};
@@ -32,13 +34,13 @@ const DONE: u8 = 2;
 /// Taken by a thread that panicked.
 const LOST: u8 = 3;
 
-/// The order of the tasks of one image. Layer 0 is the image itself; the last one is not
-/// kept.
+/// The order of the tasks of one image. Layer 0 is the image itself; the last layer is not
+/// stored.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Order {
     layers: usize,
     bands: usize,
-    /// Bands of a block.
+    /// Number of bands of a block.
     block: usize,
 }
 
@@ -50,17 +52,17 @@ pub(super) struct Task {
 }
 
 impl Order {
-    /// Layer by layer.
+    /// The order that computes the image layer by layer.
     pub(super) fn whole(layers: usize, bands: usize) -> Self {
         Self::in_blocks(layers, bands, bands + layers + EDGE)
     }
 
-    /// In blocks of some bands, more than two.
+    /// The order that computes the image in blocks of `block` bands, at least three.
     pub(super) fn in_blocks(layers: usize, bands: usize, block: usize) -> Self {
         Self { layers, bands, block }
     }
 
-    /// Number of tasks, done and to do.
+    /// Total number of tasks.
     pub(super) fn tasks(self) -> usize {
         self.layers * self.bands
     }
@@ -75,30 +77,31 @@ impl Order {
         (self.bands + self.layers - 1).div_ceil(self.block)
     }
 
-    /// Bands of a layer that are kept while a block is computed. As many as the block has,
-    /// though its edge lies elsewhere: a slot is free two bands before it is written.
+    /// Number of bands of a layer that are stored while a block is computed. It is that of the
+    /// block, although the edge bands are stored elsewhere: a slot becomes free two bands before
+    /// it is written.
     fn passing(self) -> usize {
         self.block.min(self.bands)
     }
 
-    /// Number of bands that must be kept.
+    /// Number of bands that must be stored.
     pub(super) fn slots(self) -> usize {
         let reaches_edge = self.bands + self.layers + EDGE > self.block + 1;
         let edges = if reaches_edge { 2 * EDGE * (self.layers - 1) } else { 0 };
         2 * self.passing() + edges
     }
 
-    /// The block of a task, and its place in the block.
+    /// The block of a task and its position in the block.
     fn place(self, Task { layer, band }: Task) -> (usize, usize) {
         ((band + layer) / self.block, (band + layer) % self.block)
     }
 
-    /// Which band of the edge of its block a task is, if it is one.
+    /// The index of a task among the edge bands of its block, if it is one of them.
     fn edge(self, task: Task) -> Option<usize> {
         (self.place(task).1 + EDGE).checked_sub(self.block)
     }
 
-    /// Where the band of a task is kept.
+    /// The slot in which the band of a task is stored.
     pub(super) fn slot(self, task: Task) -> usize {
         let Task { layer, band } = task;
         match self.edge(task) {
@@ -123,7 +126,7 @@ impl Order {
         if self.edge(task).is_some() {
             return Some(Task { layer, band: band.checked_sub(2 * self.block)? });
         }
-        // Back through the list, over the layers that share the slots of this one.
+        // Search backwards through the list over the layers that share the slots of this one.
         let kept = self.layers - 1;
         let same_block = (0..layer).rev().skip(1).step_by(2).map(|layer| (block, layer));
         let earlier = (0..block).rev().flat_map(move |block| {
@@ -139,14 +142,15 @@ impl Order {
         })
     }
 
-    /// The tasks of a layer next to a band: those that read it, or that it reads.
+    /// The tasks of a layer at a band and its neighbours: those that read the band, or that it
+    /// reads.
     fn neighbours(self, layer: usize, band: usize) -> impl Iterator<Item = Task> {
         let near = band.saturating_sub(1)..(band + 2).min(self.bands);
         near.map(move |band| Task { layer, band })
     }
 
-    /// The tasks that must be done before: those that are read, and those that read what is
-    /// overwritten.
+    /// The tasks that must be done before a task: those whose bands it reads, and those that read
+    /// the band that it overwrites.
     fn before(self, task: Task) -> impl Iterator<Item = Task> {
         let Task { layer, band } = task;
         let read = layer.checked_sub(1).map(|layer| self.neighbours(layer, band));
@@ -155,14 +159,14 @@ impl Order {
         read.into_iter().flatten().chain(readers.into_iter().flatten())
     }
 
-    /// Do tasks until none are left that nobody has taken. `states` has a value for each
-    /// task, all zero at first.
+    /// Run tasks until all have been taken. `states` has one value for each task, initially zero.
     pub(super) fn work(self, states: &[AtomicU8], part: Part, mut run: impl FnMut(Task)) {
         let state = |Task { layer, band }: Task| &states[layer * self.bands + band];
         for (block, layer) in (0..self.blocks()).flat_map(|b| (0..self.layers).map(move |l| (b, l)))
         {
             let all = self.range(block, layer);
-            // The parts of a block are too short to be fixed: its bands go to whoever is free.
+            // The parts of a block are too short for a fixed assignment: any free thread takes
+            // its bands.
             let own = if self.blocks() > 1 { all.clone() } else { part.of(&all) };
             let others = all.rev().filter(|band| !own.contains(band));
             for band in own.clone().chain(others) {
@@ -181,8 +185,8 @@ impl Order {
     }
 }
 
-/// A task that this thread has taken. A thread that panics leaves it lost, so that nobody waits for
-/// it for ever.
+/// A task that this thread has taken. If the thread panics, the task is marked as lost, so that
+/// no other thread waits for it indefinitely.
 struct Taken<'a>(&'a AtomicU8);
 
 impl Taken<'_> {
@@ -198,7 +202,7 @@ impl Drop for Taken<'_> {
     }
 }
 
-/// The part of one of several threads.
+/// The part of the work of one of several threads.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Part {
     pub(super) number: usize,
@@ -212,7 +216,8 @@ impl Part {
     }
 }
 
-/// Another thread is at it and needs microseconds; should it have been stopped, let it go on.
+/// Wait until another thread has completed a task, which takes microseconds. Yield regularly in
+/// case that thread has been suspended.
 fn wait_until_done(state: &AtomicU8) {
     let mut looks = 0_u32;
     loop {
@@ -233,7 +238,7 @@ fn wait_until_done(state: &AtomicU8) {
 mod tests {
     use super::*;
 
-    /// Run an order one task at a time and look at what each finds in memory.
+    /// Run an order one task at a time and check the stored bands that each task reads.
     fn follow(order: Order) {
         let Order { layers, bands, .. } = order;
         let mut slots: Vec<Option<Task>> = vec![None; order.slots()];

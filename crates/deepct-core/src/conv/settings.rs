@@ -1,19 +1,19 @@
-//! What a user of a stack may choose.
+//! Settings of a stack.
 
 use super::{Algorithm, Kernel, Precision};
 use crate::error::{Error, Result};
 
-/// How layers are run.
+/// Settings for the computation of the layers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Settings {
     /// The inner loops.
     pub kernel: Kernel,
-    /// How every layer is computed; `None` takes the fastest for each layer and image.
+    /// The algorithm of all layers; with `None`, the fastest for each layer and image size.
     pub algorithm: Option<Algorithm>,
-    /// What the products are made of.
+    /// The number format of the products.
     pub precision: Precision,
-    /// Memory (bytes) that the bands of one image may take. Wider images are computed in
-    /// strips that overlap.
+    /// Upper limit of the memory for the bands of one image (bytes). Images that exceed it are
+    /// computed in overlapping strips.
     pub memory: usize,
 }
 
@@ -29,10 +29,10 @@ impl Default for Settings {
 }
 
 impl Settings {
-    /// Whether the kernel and the algorithm can compute in the precision.
+    /// Check that the kernel and the algorithm support the precision.
     ///
     /// # Errors
-    /// bfloat16 on a kernel or with an algorithm that has no such products.
+    /// Returns an error if bfloat16 is requested and the kernel or the algorithm does not support it.
     pub fn check(self) -> Result<()> {
         if self.precision == Precision::Single {
             return Ok(());
@@ -52,12 +52,12 @@ impl Settings {
     }
 }
 
-/// Factors of what goes into the first layer and of what comes out of the last.
+/// Scale factors of the input of the first layer and of the output of the last.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Scales {
-    /// The first layer sees the input times this.
+    /// The input of the first layer is the input of the stack times this factor.
     pub input: f32,
-    /// The output is what the last layer gives times this.
+    /// The output of the stack is the output of the last layer times this factor.
     pub output: f32,
 }
 

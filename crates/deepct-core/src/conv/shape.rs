@@ -1,4 +1,4 @@
-//! Shape arithmetic of a convolution and of the bands that it works on.
+//! Shapes of a convolution and memory layout of the bands in which it is computed.
 
 use std::ops::Range;
 
@@ -8,47 +8,47 @@ pub(super) const TAPS: usize = 9;
 /// The shape of one 3x3 convolution with padding 1.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Conv2dShape {
-    /// Channels read.
+    /// Number of input channels.
     pub input_channels: usize,
-    /// Channels written.
+    /// Number of output channels.
     pub output_channels: usize,
-    /// Rows of an image, in and out.
+    /// Number of rows of the input and output images.
     pub rows: usize,
-    /// Columns of an image, in and out.
+    /// Number of columns of the input and output images.
     pub cols: usize,
 }
 
 impl Conv2dShape {
-    /// Number of values read.
+    /// Number of input values.
     pub fn input_len(&self) -> usize {
         self.input_channels * self.rows * self.cols
     }
 
-    /// Number of values written.
+    /// Number of output values.
     pub fn output_len(&self) -> usize {
         self.output_channels * self.rows * self.cols
     }
 
-    /// Multiplications and additions, counted as two operations, of the plain sum;
-    /// those with the zeros beyond the border are counted too.
+    /// Number of floating-point operations of the direct sum. A multiplication and an addition
+    /// count as two, and products with the zero padding are included.
     pub fn operations(&self) -> u64 {
         2 * (TAPS * self.input_channels) as u64 * self.output_len() as u64
     }
 }
 
-/// Rows of an image that are computed together: two rows of tiles of F(2x2), one of
-/// F(4x4).
+/// Number of image rows that are computed together: two rows of F(2x2) tiles or one row of
+/// F(4x4) tiles.
 pub(super) const BAND: usize = 4;
 
-/// Rows of the input that a band of the output depends on.
+/// Number of input rows that a band of the output depends on.
 pub(super) const SEEN: usize = BAND + 2;
 
-/// How an image lies in memory between the layers: in bands of [`BAND`] rows, each
-/// `[row, column, channel]` with the channels in whole vectors.
+/// Memory layout of an image between the layers: bands of [`BAND`] rows, each
+/// `[row, column, channel]` with the channels padded to whole vectors.
 ///
-/// One column of zeros stands left of the image and at least one right of it, where the
-/// last tile of four columns ends. Rows that the last band has beyond the image are zeros
-/// too. So no loop knows a border, and a tile may end anywhere.
+/// There is one column of zeros to the left of the image and at least one to the right, up to
+/// the end of the last tile of four columns. Rows of the last band beyond the image are also
+/// zero. The loops therefore need no special case at the border, and tiles may extend beyond it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Bands {
     pub(super) rows: usize,
@@ -66,22 +66,22 @@ impl Bands {
         BAND.min(self.rows - band * BAND)
     }
 
-    /// Columns of the image and those that the last tile has beyond it.
+    /// Number of columns of the image, rounded up to whole tiles.
     pub(super) fn whole_cols(self) -> usize {
         self.cols.next_multiple_of(BAND)
     }
 
-    /// Length of a row of pixels of `pitch` floats.
+    /// Length of a row (floats) for pixels of `pitch` floats.
     pub(super) fn row_len(self, pitch: usize) -> usize {
         (self.whole_cols() + 2) * pitch
     }
 
-    /// Length of a band of pixels of `pitch` floats.
+    /// Length of a band (floats) for pixels of `pitch` floats.
     pub(super) fn len(self, pitch: usize) -> usize {
         BAND * self.row_len(pitch)
     }
 
-    /// Set the zeros of a band around the pixels of the image.
+    /// Set the values of a band outside the image to zero.
     pub(super) fn clear_border(self, band: usize, pitch: usize, values: &mut [f32]) {
         let rows = self.rows_of(band);
         let (inside, below) = values.split_at_mut(rows * self.row_len(pitch));
@@ -93,7 +93,7 @@ impl Bands {
     }
 }
 
-/// `0..count` in as few parts as hold at most `most` each, as even as can be.
+/// Divide `0..count` as evenly as possible into the fewest parts of at most `most` each.
 pub(super) fn even_parts(count: usize, most: usize) -> impl Iterator<Item = Range<usize>> {
     let parts = count.div_ceil(most);
     let at = move |part: usize| part * count / parts;

@@ -1,22 +1,22 @@
-//! What the first layer reads.
+//! The input of the first layer.
 
 use std::ops::Range;
 
-/// Images as the first layer reads them, row by row: an array, or numbers that are made when
-/// they are wanted, so that channels that follow from a few images are never all in memory.
+/// Images that the first layer reads row by row: either an array or values computed on demand.
+/// Channels that are derived from a few images then never have to be in memory all at once.
 pub trait Source: Sync {
     /// Write a row of an image: channel `c` of column `columns.start + i` is
-    /// `pixels[i * pitch + c]`. All pixels are 0 before.
+    /// `pixels[i * pitch + c]`. All pixels are 0 on entry.
     ///
-    /// The same row may be read several times and by several threads at once. A source that panics
-    /// ends the run with a panic; it must not run another stack in the same thread pool.
+    /// The same row may be read several times and by several threads at once. If a source panics,
+    /// the run panics. A source must not run another stack in the same thread pool.
     fn read(&self, row: &SourceRow, pixels: &mut [f32]);
 }
 
-/// Part of a row of an image, and how it is to lie in memory.
+/// Part of a row of an image and its memory layout.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct SourceRow {
-    /// Number of the image in the batch.
+    /// Index of the image in the batch.
     pub image: usize,
     /// Row of the image.
     pub row: usize,
@@ -33,7 +33,7 @@ pub(super) struct Planes<'a> {
     pub(super) channels: usize,
     pub(super) rows: usize,
     pub(super) cols: usize,
-    /// Factor of every value.
+    /// Factor by which every value is multiplied.
     pub(super) scale: f32,
 }
 

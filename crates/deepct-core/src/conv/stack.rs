@@ -1,4 +1,4 @@
-//! Convolutions one after another.
+//! A sequence of convolutions.
 
 use super::lane::{Lane, Lengths, Strip, Work, unpoisoned};
 use super::layers::Layers;
@@ -10,46 +10,47 @@ use crate::error::{Error, Result};
 use rayon::prelude::*;
 use std::sync::Mutex;
 
-/// Images whose layers take no more than this (bytes) are computed one by each thread when
-/// there are several: what a thread works on stays in its own cache.
+/// If there are several images and the layers of one take no more than this (bytes), each thread
+/// computes whole images: its data then stay in its own cache.
 const SMALL: usize = 1 << 20;
 
-/// Images whose layers take no more than this (bytes) are computed layer by layer: each thread
-/// finds two layers of its part of the image in the cache.
+/// Images whose layers take no more than this (bytes) are computed layer by layer: two layers of
+/// a thread's part of the image then fit in the cache.
 const CACHED: usize = 24 << 20;
 
-/// What a layer of a block should take (bytes) in larger images, and the fewest bands that
-/// pay for the edges of a block.
+/// Target size of one layer of a block in larger images (bytes), and the minimum number of bands
+/// of a block, below which the overhead of its edges dominates.
 const BLOCK: usize = 2 << 20;
 const SHORTEST_BLOCK: usize = 10;
 
-/// Layers that feed each other.
+/// A sequence of convolution layers.
 #[derive(Debug, Clone)]
 pub struct Stack(Layers);
 
-/// Memory for [`Stack::run`], made once by [`Stack::scratch`] and used as often as wanted.
+/// Memory for [`Stack::run`], allocated by [`Stack::scratch`] and reusable.
 #[derive(Debug)]
 pub struct Scratch {
-    /// `[image, row, col]` that it was made for.
+    /// The size `[image, row, col]` for which it was allocated.
     size: [usize; 3],
-    /// One for each image that is computed at a time.
+    /// One lane for each image that is computed at the same time.
     lanes: Vec<Mutex<Lane>>,
 }
 
 impl Scratch {
-    /// Its size in bytes.
+    /// The size in bytes.
     pub fn bytes(&self) -> usize {
         self.lanes.iter().map(|lane| unpoisoned(lane.lock()).bytes()).sum()
     }
 }
 
-/// How images of a size are run.
+/// The schedule for images of a given size.
 #[derive(Debug, Clone, Copy)]
 struct Plan {
     image: Bands,
     order: Order,
-    /// Columns of a strip, and how many of them at each side lie in the next one too.
+    /// Number of columns of a strip.
     strip: usize,
+    /// Number of columns at each side of a strip that the neighbouring strip also computes.
     overlap: usize,
 }
 
@@ -57,8 +58,9 @@ impl Stack {
     /// A stack of layers, first to last.
     ///
     /// # Errors
-    /// No layers, or one that does not read as many channels as the one before writes;
-    /// bfloat16 on a kernel or with an algorithm that has no such products.
+    /// Returns an error if there are no layers, if the number of input channels of a layer differs
+    /// from the number of output channels of the preceding one, or if bfloat16 is requested and
+    /// the kernel or the algorithm does not support it.
     pub fn new(layers: Vec<Conv2d>, settings: Settings) -> Result<Self> {
         if layers.is_empty() {
             return Err(Error::out_of_range("number of layers", 0, "at least 1"));
@@ -75,22 +77,22 @@ impl Stack {
         Ok(Self(Layers { layers, scales: Scales::default(), settings }))
     }
 
-    /// The same layers between other scales.
+    /// The same layers with other input and output scales.
     pub fn with_scales(self, scales: Scales) -> Self {
         Self(Layers { scales, ..self.0 })
     }
 
-    /// Factors of what goes in and of what comes out.
+    /// Scale factors of input and output.
     pub fn scales(&self) -> Scales {
         self.0.scales
     }
 
-    /// Channels that the first layer reads.
+    /// Number of input channels of the first layer.
     pub fn input_channels(&self) -> usize {
         self.0.layers[0].input_channels()
     }
 
-    /// Channels that the last layer writes.
+    /// Number of output channels of the last layer.
     pub fn output_channels(&self) -> usize {
         self.0.output_channels()
     }
@@ -101,12 +103,12 @@ impl Stack {
         self.0.layers.iter().map(move |layer| self.0.method(layer, image).algorithm)
     }
 
-    /// Memory for [`Stack::run`] on as many images of a size, `[image, row, col]`, by the
-    /// threads of the pool that this is called in. The weights are packed here for the
-    /// algorithms of that size, if they were not before.
+    /// Allocate memory for [`Stack::run`] on images of the given size, `[image, row, col]`, by
+    /// the threads of the current thread pool. Also packs the weights for the algorithms of that
+    /// size unless they are packed already.
     ///
     /// # Errors
-    /// A size of nothing, or one that no memory can hold.
+    /// Returns an error if a dimension is zero or if the size exceeds the address space.
     pub fn scratch(&self, size: [usize; 3]) -> Result<Scratch> {
         let [count, rows, cols] = size;
         let channels = self.input_channels().max(self.output_channels());
@@ -128,13 +130,13 @@ impl Stack {
     }
 
     /// Run all layers on `input`, `[image, input channel, row, col]`, and write `output`,
-    /// `[image, output channel, row, col]`. What is in `scratch` does not matter, before or
-    /// after. Nothing is allocated. The result depends neither on the number of threads nor
-    /// on the memory allowed.
+    /// `[image, output channel, row, col]`. The contents of `scratch` are irrelevant before and
+    /// after the call. The function does not allocate memory. The result depends neither on the
+    /// number of threads nor on the memory limit.
     ///
     /// # Errors
-    /// Slices that are not of these shapes for the size that the scratch was made for, or
-    /// a scratch that another stack made.
+    /// Returns an error if the slices do not have these shapes for the size of the scratch memory,
+    /// or if another stack allocated the scratch memory.
     pub fn run(&self, input: &[f32], output: &mut [f32], scratch: &mut Scratch) -> Result<()> {
         let [_, rows, cols] = scratch.size;
         let channels = self.input_channels();
@@ -143,7 +145,7 @@ impl Stack {
         self.run_from(&Planes { values: input, channels, rows, cols, scale }, output, scratch)
     }
 
-    /// As [`Stack::run`], on what `source` gives, which must be scaled already.
+    /// As [`Stack::run`], with the input from `source`, which must already be scaled.
     ///
     /// # Errors
     /// As [`Stack::run`].
@@ -179,15 +181,15 @@ impl Stack {
         if lanes.len() > 1 {
             images.with_max_len(1).for_each(run);
         } else {
-            // One after another, all threads at each: a thread that waits for a part of one
+            // All threads work on one image after another: a thread that waits for a part of one
             // image must not begin another.
             images.with_min_len(usize::MAX).for_each(run);
         }
         Ok(())
     }
 
-    /// Layer by layer where the layers stay in the cache, in blocks of bands where they do
-    /// not, in strips where even those take more memory than is allowed.
+    /// Images are computed layer by layer if the layers fit in the cache, and otherwise in blocks
+    /// of bands. If the blocks exceed the memory limit, the image is divided into strips.
     fn plan(&self, image: Bands) -> Plan {
         let layers = self.0.layers.len();
         let pitch = self.widest_pitch();
@@ -198,7 +200,7 @@ impl Stack {
             let blocks = Order::in_blocks(layers + 1, image.count(), block);
             if whole.slots() * band(cols) <= CACHED { whole } else { blocks }
         };
-        // What is wrong at the end of a strip spreads by a tile a layer.
+        // The error at the edge of a strip spreads by one tile per layer.
         let overlap = layers * BAND;
         let mut strip = image.cols.next_multiple_of(BAND);
         let taken = |cols| order(cols).slots() * band(cols);
@@ -240,7 +242,7 @@ fn check_length(
 }
 
 impl Plan {
-    /// The strips of the image, all as wide as can be but for the last.
+    /// The strips of the image. All but the last have the maximum width.
     fn strips(self) -> impl Iterator<Item = Strip> {
         let Self { image: Bands { cols, .. }, strip, overlap, .. } = self;
         let mut from = 0;

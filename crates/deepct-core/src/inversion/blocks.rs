@@ -1,20 +1,20 @@
-//! Grids of blocks of voxels, and fields on the way from one to another.
+//! Grids of blocks of voxels, and interpolation of fields between them.
 
 use crate::error::Result;
 use crate::grid::{Grid, Mask, Volume};
 use ndarray::{Array3, s};
 
-/// The grid whose voxels are blocks of `block` x `block` x `block` voxels of `grid`; the
-/// last ones reach beyond its upper sides where the block does not divide the shape.
+/// The grid whose voxels are blocks of `block` x `block` x `block` voxels of `grid`. If `block`
+/// does not divide the shape, the last blocks extend beyond the upper sides of `grid`.
 ///
 /// # Errors
-/// None for a block that is not 0.
+/// None if `block` is not 0.
 pub(super) fn coarsen(grid: &Grid, block: usize) -> Result<Grid> {
     let shape = grid.shape.map(|count| count.div_ceil(block));
     Grid::new(grid.origin, grid.spacing * block as f64, shape)
 }
 
-/// The sum over the voxels of each block.
+/// Sums over the voxels of each block.
 fn sums(values: &Array3<f32>, block: usize, shape: [usize; 3]) -> Array3<f64> {
     let mut sums = Array3::zeros(shape);
     for ((k, j, i), &value) in values.indexed_iter() {
@@ -23,17 +23,17 @@ fn sums(values: &Array3<f32>, block: usize, shape: [usize; 3]) -> Array3<f64> {
     sums
 }
 
-/// The share of each block that is inside a mask.
+/// The volume fraction of each block that is inside a mask.
 pub(super) fn shares(mask: &Mask, block: usize, shape: [usize; 3]) -> Array3<f64> {
     let volume = (block * block * block) as f64;
     sums(&mask.values.mapv(|inside| f32::from(u8::from(inside))), block, shape) / volume
 }
 
-/// The mean of a volume over the voxels of each block that are inside the mask; 0 where
-/// there is none.
+/// The mean of a volume over the voxels of each block that are inside the mask; 0 for a block
+/// without such voxels.
 ///
 /// # Errors
-/// None for a block that is not 0.
+/// None if `block` is not 0.
 pub(super) fn means(volume: &Volume, mask: &Mask, block: usize) -> Result<Volume> {
     let grid = coarsen(&volume.grid, block)?;
     let mut inside = volume.clone();
@@ -47,8 +47,8 @@ pub(super) fn means(volume: &Volume, mask: &Mask, block: usize) -> Result<Volume
     Volume::new(grid, means.mapv(|mean| mean as f32))
 }
 
-/// A field of blocks on the voxels of a finer grid: linear between the centres of those
-/// blocks that hold cloud, by `shares`.
+/// Interpolates a field of blocks to the voxels of a finer grid: linearly between the centres of
+/// the blocks that have a positive share of the mask.
 ///
 /// # Errors
 /// None for volumes on grids of this module.
@@ -67,7 +67,7 @@ pub(super) fn refine(coarse: &Volume, shares: &Array3<f64>, fine: &Grid) -> Resu
     Volume::new(*fine, values.mapv(|value| value as f32))
 }
 
-/// Linear interpolation along one axis to voxels of a `block`th of the length.
+/// Interpolates linearly along one axis to voxels of 1 / `block` of the length.
 fn refine_axis(values: &Array3<f64>, axis: usize, block: usize, count: usize) -> Array3<f64> {
     let axis = ndarray::Axis(axis);
     let mut shape = values.raw_dim();
@@ -85,8 +85,8 @@ fn refine_axis(values: &Array3<f64>, axis: usize, block: usize, count: usize) ->
     fine
 }
 
-/// The mean of each value and its neighbours that are `counted`, within one voxel along
-/// every axis.
+/// The mean over each value and its neighbours within one voxel along every axis, of those that are
+/// `counted`.
 pub(super) fn smooth(values: &Array3<f64>, counted: &Array3<bool>) -> Array3<f64> {
     let [nz, ny, nx] = [0, 1, 2].map(|axis| values.shape()[axis]);
     let around = |at: usize, count: usize| at.saturating_sub(1)..(at + 2).min(count);
@@ -133,7 +133,7 @@ mod tests {
         assert!((kept / expected - 1.0).abs() < 1e-6, "{kept} {expected}");
     }
 
-    /// A field that is linear comes back, but for the half block at the sides.
+    /// A linear field is reproduced, except within half a block of the sides.
     #[test]
     fn a_linear_field_is_refined_to_itself() {
         let grid = grid([8, 12, 16]);

@@ -1,21 +1,21 @@
-//! Where an inversion stands, so that it can go on from there.
+//! The state of an inversion, from which it can be resumed.
 
 use super::Record;
 use super::optimiser::{Pair, Point};
 
-/// Where an inversion stands after a step.
+/// The state of an inversion after an iteration.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Checkpoint {
-    /// Number of the stage, from 0: grid after grid, then correction after correction.
+    /// Index of the stage, from 0: the grids from coarse to fine, then the corrections.
     pub stage: usize,
-    /// Steps taken in that stage.
+    /// Number of iterations in that stage.
     pub iteration: usize,
-    /// The point where the second derivatives were looked for.
+    /// The point at which the second derivatives were estimated.
     pub probed_at: Vec<f64>,
-    /// The point of the optimiser.
+    /// The current point of the optimiser.
     pub point: Point,
-    /// The steps that the optimiser remembers, the oldest first.
+    /// The steps stored by the optimiser, the oldest first.
     pub pairs: Vec<Pair>,
-    /// What was reached, step by step.
+    /// The record of each iteration.
     pub history: Vec<Record>,
 }

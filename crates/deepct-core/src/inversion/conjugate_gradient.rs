@@ -1,13 +1,13 @@
-//! Conjugate gradients, for what is symmetric and positive.
+//! Conjugate gradients for symmetric positive definite systems.
 
 use super::optimiser::dot;
 
-/// Share of the residual that may be left, in the norm of the inverse diagonal.
+/// Relative residual at which the iteration stops, in the norm of the inverse diagonal.
 const ENOUGH: f64 = 1e-3;
-/// The most products with the matrix.
+/// Maximum number of products with the matrix.
 const MOST: usize = 200;
 
-/// About the solution of `matrix * x = right`, preconditioned by the diagonal of the matrix
+/// Approximate solution of `matrix * x = right`, preconditioned with the diagonal of the matrix
 /// (Hestenes and Stiefel 1952).
 pub(super) fn solve(
     product: impl Fn(&[f64]) -> Vec<f64>,
@@ -43,7 +43,7 @@ pub(super) fn solve(
 mod tests {
     use super::*;
 
-    /// `[[4, 1, 0], [1, 3, -1], [0, -1, 2]] x = [6, 4, 4]` by elimination: `x = [1, 2, 3]`.
+    /// `[[4, 1, 0], [1, 3, -1], [0, -1, 2]] x = [6, 4, 4]`, solved by elimination: `x = [1, 2, 3]`.
     #[test]
     fn three_equations_by_hand() {
         let product =

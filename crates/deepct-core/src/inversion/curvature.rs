@@ -1,4 +1,4 @@
-//! About what the second derivatives of the misfit are, before the first step.
+//! Approximate Hessian of the misfit, computed before the first iteration.
 
 use super::Measurement;
 use super::variables::Variables;
@@ -7,33 +7,35 @@ use crate::scene::View;
 use crate::traverse::walk;
 use std::collections::BTreeMap;
 
-/// Diagonal elements below this share of their mean, squared, count as this: a voxel that no
-/// pixel sees well is not thrown about.
+/// Square root of the smallest admissible diagonal element relative to the mean one. Smaller
+/// elements are raised to this minimum, so that voxels that no pixel observes well do not change
+/// excessively.
 const LEAST_SENSITIVITY: f64 = 0.1;
 
-/// Share of the diagonal that is taken for what pixels see along their lines_of_sight, and again for what
-/// every voxel does by itself. So small a share lets the prior lead; other shares are in
-/// docs/deterministic_solver.md, "What the optimiser knows".
+/// Factor `share` of the two terms of the Hessian: the coupling of voxels along lines of sight, and
+/// the diagonal of independent voxels. With such a small factor the prior dominates;
+/// docs/deterministic_solver.md compares other values.
 const SHARE: f64 = 0.03;
 
-/// Where the four rays through a pixel pass, in parts of its sides.
+/// Positions of the four rays through a pixel, as fractions of its sides.
 const RAYS: [[f64; 2]; 4] = [[0.25, 0.25], [0.25, 0.75], [0.75, 0.25], [0.75, 0.75]];
 
-/// Second derivatives of half the misfit, for a pixel that sees of each voxel on its line_of_sight the
-/// path through it, dimmed by what stands before it.
+/// Approximate Hessian of half the misfit. A pixel is assumed to observe each voxel on its lines of
+/// sight with a weight that is the path length through the voxel, attenuated by the extinction in
+/// front of it.
 ///
-/// `share * (G P^T P G + D)`: `P` holds the paths, a row for each pixel; the gains `G` give
-/// `G P^T P G` the diagonal `D`, which was probed.
+/// `share * (G P^T P G + D)`: `P` contains these path lengths, one row for each pixel; the diagonal
+/// matrix of gains `G` makes the diagonal of `G P^T P G` equal to the estimated diagonal `D`.
 #[derive(Debug, Clone)]
 pub(super) struct Curvature {
-    /// The variables that each pixel sees, with its path (km) over its standard error.
+    /// The variables that each pixel observes, with the path length (km) over the standard error.
     lines_of_sight: Vec<Vec<(u32, f64)>>,
     gains: Vec<f64>,
     diagonal: Vec<f64>,
 }
 
 impl Curvature {
-    /// With the diagonal that was probed at an extinction.
+    /// Creates the Hessian from its estimated diagonal at an extinction.
     pub(super) fn new(
         measurement: &Measurement,
         views: &[View],
@@ -67,18 +69,18 @@ impl Curvature {
         for (number, path) in lines_of_sight.iter().flatten() {
             squares[*number as usize] += path * path;
         }
-        // Voxels that no line_of_sight meets have a diagonal alone.
+        // Voxels that no line of sight crosses have only a diagonal element.
         let gain = |(d, square): (&f64, f64)| if square > 0.0 { (d / square).sqrt() } else { 0.0 };
         let gains = diagonal.iter().zip(squares).map(gain).collect();
         Self { lines_of_sight, gains, diagonal }
     }
 
-    /// The diagonal.
+    /// The diagonal of the matrix.
     pub(super) fn diagonal(&self) -> Vec<f64> {
         self.diagonal.iter().map(|d| 2.0 * SHARE * d).collect()
     }
 
-    /// The product with a vector.
+    /// The product of the matrix with a vector.
     pub(super) fn times(&self, vector: &[f64]) -> Vec<f64> {
         let gained: Vec<f64> = vector.iter().zip(&self.gains).map(|(v, g)| v * g).collect();
         let mut seen = vec![0.0; vector.len()];
@@ -104,8 +106,9 @@ mod tests {
     use crate::math::DVec3;
     use crate::scene::{Observation, Sun};
 
-    /// A pixel looks down on two voxels of 0.5 km, the upper one of optical depth ln 2: worked by
-    /// hand, the row of paths is (0.25, 0.5) km over the standard error.
+    /// A pixel observes from above two voxels of 0.5 km, of which the upper one has an optical
+    /// depth of ln(2). Calculated by hand, the row of path lengths is (0.25, 0.5) km over the
+    /// standard error.
     #[test]
     fn a_pixel_above_two_voxels_by_hand() {
         let corner = DVec3::new(-0.25, -0.25, 0.0);
@@ -126,7 +129,8 @@ mod tests {
         };
         assert_eq!((lower, higher), (0, 1));
         assert!((long / short - 2.0).abs() < 1e-6, "{short} {long}");
-        // One pixel sees both: the matrix is the outer product of the roots of the diagonal.
+        // One pixel observes both voxels: the matrix is the outer product of the square roots of
+        // the diagonal.
         for (vector, expected) in [([1.0, 0.0], [4.0, 6.0]), ([0.0, 1.0], [6.0, 9.0])] {
             let product = curvature.times(&vector);
             for i in 0..2 {

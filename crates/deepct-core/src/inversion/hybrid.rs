@@ -1,4 +1,4 @@
-//! The hybrid: an inversion that starts from what the network says.
+//! The hybrid method: an inversion that starts from the estimate of the network.
 
 use super::{InversionSettings, Models, Problem, Reconstruction, Watch, invert};
 use crate::error::{Error, Result};
@@ -6,23 +6,23 @@ use crate::grid::Grid;
 use crate::network::Network;
 use crate::scene::{Observation, target};
 
-/// Steps of the quick hybrid.
+/// Number of iterations of the quick hybrid.
 pub const QUICK_ITERATIONS: usize = 12;
 
-/// The grid of the network's answer to the images of an observation.
+/// The grid of the network's estimate for the images of an observation.
 ///
 /// # Errors
-/// Views that do not look at one point.
+/// Views without a common target point.
 pub fn network_grid(network: &Network, observation: &Observation) -> Result<Grid> {
     let target = target(&observation.views)?;
     let [_, rows, cols] = observation.images.shape();
     network.grid([target.x, target.y], [rows, cols])
 }
 
-/// The extinction of an observation, inverted from what the network says of it.
+/// Inverts the images of an observation, starting from the estimate of the network.
 ///
 /// # Errors
-/// Those of [`Network::estimate`] and [`invert`]; a mask that is not on [`network_grid`].
+/// The errors of [`Network::estimate`] and [`invert`]; a mask that is not on [`network_grid`].
 pub fn hybrid(
     problem: &Problem,
     network: &Network,
@@ -38,7 +38,7 @@ pub fn hybrid(
             "grid of the mask",
             format!("{:?} voxels from {} km", grid.shape, grid.origin),
             format!("{:?} voxels from {} km", problem.mask.grid.shape, problem.mask.grid.origin),
-            "carve a mask on the grid of the network's answer",
+            "carve a mask on the grid of the network's estimate",
         ));
     }
     problem.mask.apply(&mut start.extinction)?;

@@ -1,4 +1,4 @@
-//! What was measured, how well, and how far a model is from it.
+//! The measured images with their standard errors, and the misfit of a model to them.
 
 use super::InversionSettings;
 use crate::error::{Error, Result};
@@ -8,8 +8,7 @@ use crate::scene::{Observation, View};
 use crate::traverse::walk;
 use ndarray::{Array3, Zip};
 
-/// Images and the standard error of each pixel; pixels that do not count have an infinite
-/// one.
+/// Images and the standard error of each pixel; the standard error of excluded pixels is infinite.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Measurement {
     images: ViewStack,
@@ -17,12 +16,12 @@ pub struct Measurement {
 }
 
 impl Measurement {
-    /// The images of an observation with the standard error that it tells, or else the
-    /// `relative_noise` of the settings; the `model_error` and the `least_error` are added
-    /// in quadrature.
+    /// Creates a measurement from the images of an observation and their standard error or, if they
+    /// have none, the `relative_noise` of the settings; the `model_error` and the `least_error` are
+    /// added in quadrature.
     ///
     /// # Errors
-    /// Images without light; a standard error of another shape.
+    /// Images without light; a standard error whose shape differs from that of the images.
     pub fn new(observation: &Observation, settings: &InversionSettings) -> Result<Self> {
         let images = observation.images.clone();
         let brightest = f64::from(images.brightest());
@@ -50,7 +49,8 @@ impl Measurement {
         Ok(Self { images, standard_error })
     }
 
-    /// The same with another error of the model, a share of the radiance, in quadrature.
+    /// Returns the measurement with an additional error of the model, relative to the radiance,
+    /// added in quadrature.
     pub(super) fn with_model_error(&self, share: f64) -> Self {
         let images = self.images.clone();
         let standard_error = Zip::from(&self.standard_error)
@@ -59,8 +59,8 @@ impl Measurement {
         Self { images, standard_error }
     }
 
-    /// The same without the pixels whose sights miss the mask: they say nothing of what is
-    /// inside.
+    /// Returns the measurement without the pixels whose lines of sight miss the mask, because they
+    /// contain no information on the voxels inside.
     pub(super) fn of_mask(&self, mask: &Mask, views: &[View]) -> Self {
         let mut standard_error = self.standard_error.clone();
         let parts = [[0.5, 0.5], [0.01, 0.01], [0.01, 0.99], [0.99, 0.01], [0.99, 0.99]];
@@ -76,20 +76,21 @@ impl Measurement {
         Self { images: self.images.clone(), standard_error }
     }
 
-    /// Which pixels count.
+    /// Whether each pixel is included.
     pub(super) fn counted(&self) -> Array3<bool> {
         self.standard_error.mapv(f32::is_finite)
     }
 
-    /// Number of pixels that count.
+    /// Number of pixels that are included, at least 1.
     pub fn pixels(&self) -> usize {
         self.standard_error.iter().filter(|error| error.is_finite()).count().max(1)
     }
 
-    /// The mean over all pixels of the squared residual over its standard error.
+    /// The misfit: the mean over all included pixels of the squared ratio of the residual to its
+    /// standard error.
     ///
     /// # Errors
-    /// Images of another shape.
+    /// Images whose shape differs from that of the measurement.
     pub fn misfit(&self, images: &ViewStack) -> Result<f64> {
         self.check(images)?;
         let residuals = images.values.iter().zip(&self.images.values).zip(&self.standard_error);
@@ -100,11 +101,11 @@ impl Measurement {
         Ok(squares.sum::<f64>() / self.pixels() as f64)
     }
 
-    /// The mean over all pixels of the squared residual, in units of the brightest pixel:
-    /// bright pixels count most.
+    /// The mean over all pixels of the squared residual, in units of the largest radiance, so that
+    /// bright pixels contribute most.
     ///
     /// # Errors
-    /// Images of another shape.
+    /// Images whose shape differs from that of the measurement.
     pub(super) fn difference(&self, images: &ViewStack) -> Result<f64> {
         self.check(images)?;
         let brightest = f64::from(self.images.brightest());
@@ -113,11 +114,10 @@ impl Measurement {
         Ok(squares.sum::<f64>() / self.pixels() as f64)
     }
 
-    /// The derivative of half the [`Measurement::misfit`] with respect to each pixel of
-    /// the images.
+    /// The derivative of half the [`Measurement::misfit`] with respect to each pixel of the images.
     ///
     /// # Errors
-    /// Images of another shape.
+    /// Images whose shape differs from that of the measurement.
     pub fn derivative(&self, images: &ViewStack) -> Result<ViewStack> {
         self.check(images)?;
         let count = self.pixels() as f32;
@@ -129,8 +129,8 @@ impl Measurement {
         )
     }
 
-    /// The pixels that count, each with `1 / standard error / sqrt(number of pixels)`: the
-    /// squares of such residuals sum to the misfit.
+    /// The included pixels, each with the weight `1 / standard error / sqrt(number of pixels)`: the
+    /// squares of residuals with these weights sum to the misfit.
     pub(super) fn weights(&self) -> impl Iterator<Item = ([usize; 3], f64)> {
         let root = (self.pixels() as f64).sqrt();
         let counted = self.standard_error.indexed_iter().filter(|(_, error)| error.is_finite());
@@ -139,12 +139,12 @@ impl Measurement {
         })
     }
 
-    /// The weights `sign / standard error / sqrt(number of pixels)`: with random signs,
-    /// the squares of the derivatives of such a sum have the diagonal of the Gauss-Newton
-    /// matrix of half the misfit as their mean.
+    /// The weights `sign / standard error / sqrt(number of pixels)`. With random signs, the squared
+    /// derivatives of the sum of pixels with these weights have the diagonal of the Gauss-Newton
+    /// matrix of half the misfit as their expectation.
     ///
     /// # Errors
-    /// Never, with signs of 1 and -1.
+    /// None for signs of 1 and -1.
     pub(super) fn probe(&self, mut sign: impl FnMut() -> f32) -> Result<ViewStack> {
         let scale = 1.0 / (self.pixels() as f32).sqrt();
         ViewStack::new(self.standard_error.mapv(|error| sign() * scale / error))
@@ -181,7 +181,7 @@ mod tests {
     use crate::math::DVec3;
     use crate::scene::Sun;
 
-    /// Worked by hand: radiances 3 and 4, brightest 4.
+    /// Calculated by hand for radiances of 3 and 4; the largest is 4.
     #[test]
     fn errors_add_in_quadrature() {
         let view = View::orthographic(DVec3::Z, DVec3::ZERO, 0.1, [1, 2]).unwrap();
@@ -203,7 +203,7 @@ mod tests {
         let coarse = measured.with_model_error(0.2).misfit(&stack(4.0, 3.0)).unwrap();
         assert!((coarse - 0.5 * (1.0 / 0.70 + 1.0 / 0.96)).abs() < 1e-6, "{coarse}");
         assert!((measured.difference(&stack(4.0, 3.0)).unwrap() - 1.0 / 16.0).abs() < 1e-9);
-        // The second pixel, to the east, sees nothing of a mask in the west.
+        // The second pixel, in the east, does not observe a mask in the west.
         let grid = Grid::new(DVec3::new(-0.1, -0.05, 0.0), DVec3::splat(0.1), [1, 1, 2]).unwrap();
         let west = Mask::new(grid, ndarray::array![[[true, false]]]).unwrap();
         let half = measured.of_mask(&west, &seen.views);

@@ -1,4 +1,4 @@
-//! Inversion: the extinction whose images are those that were measured.
+//! Inversion: retrieval of the extinction whose simulated images fit the measured ones.
 //!
 //! [`invert`] minimises
 //!
@@ -6,12 +6,12 @@
 //! 1/2 sum over pixels ((F(extinction) - measured) / standard error)^2 + prior(extinction)
 //! ```
 //!
-//! over the voxels of a mask, between nothing and a greatest extinction, for any model
-//! `F` that gives images and the derivatives of a weighted sum of them
-//! ([`ForwardModel`]). From a start that is the same everywhere it first solves for blocks
-//! of voxels, on grids so coarse that a step costs next to nothing. The optimiser is a
-//! bounded quasi-Newton method ([`Minimiser`]), around the prior's second derivatives and an
-//! estimate of the misfit's.
+//! over the voxels of a mask, with the extinction bounded between zero and a largest value, for any
+//! forward model `F` that provides images and the derivatives of a weighted sum of them
+//! ([`ForwardModel`]). From a uniform start, the inversion first solves for blocks of voxels, on
+//! coarse grids on which an iteration is inexpensive. The optimiser is a bounded quasi-Newton
+//! method ([`Minimiser`]), preconditioned with the Hessian of the prior and an approximate Hessian
+//! of the misfit.
 
 mod blocks;
 mod checkpoint;

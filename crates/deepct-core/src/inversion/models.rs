@@ -1,51 +1,52 @@
-//! What an inversion needs of a forward model.
+//! The interface between an inversion and a forward model.
 
 use crate::error::Result;
 use crate::grid::{Mask, Volume};
 use crate::image::ViewStack;
 use ndarray::Array3;
 
-/// The images of an extinction, and how they depend on it.
+/// A model of the images of an extinction field, and of their derivatives.
 pub trait ForwardModel {
-    /// The images of an extinction (1/km).
+    /// Computes the images of an extinction (1/km).
     ///
     /// # Errors
-    /// Those of the model.
+    /// The errors of the model.
     fn images(&mut self, extinction: &Volume) -> Result<ViewStack>;
 
-    /// The derivative of `sum(weights * images)` with respect to the extinction of each
-    /// voxel, at the extinction of the last [`ForwardModel::images`].
+    /// Computes the derivative of `sum(weights * images)` with respect to the extinction of each
+    /// voxel, at the extinction of the last call of [`ForwardModel::images`].
     ///
     /// # Errors
-    /// Those of the model.
+    /// The errors of the model.
     fn gradient(&mut self, weights: &ViewStack) -> Result<Volume>;
 }
 
-/// What a model is made for.
+/// The conditions for which a model is created.
 #[derive(Debug, Clone, Copy)]
 pub struct Domain<'a> {
-    /// The grid, that of the problem or one of blocks of its voxels, and where on it extinction is
-    /// not 0.
+    /// The grid, which is that of the problem or one of blocks of its voxels, and the voxels in
+    /// which the extinction may be positive.
     pub mask: &'a Mask,
-    /// The extinction (1/km) that steps begin at, about, on the same grid.
+    /// The approximate extinction (1/km) at which the iterations begin, on the same grid.
     pub expected: &'a Volume,
-    /// Whether that is an estimate of the answer, and not the same everywhere or of a coarser grid.
+    /// Whether `expected` is an estimate of the solution, as opposed to a uniform field or a result
+    /// on a coarser grid.
     pub near: bool,
-    /// The pixels `[view, row, col]` that count; others may be left at 0.
+    /// The pixels `[view, row, col]` that are included; the model may leave all others at 0.
     pub pixels: &'a Array3<bool>,
 }
 
-/// Models of the same images on any grid.
+/// A source of forward models of the same images on any grid.
 pub trait Models {
-    /// Whether models near the answer are more accurate than others, and most so at the extinction
-    /// that they are made for.
+    /// Whether models created near the solution are more accurate than others, with the highest
+    /// accuracy at the extinction for which they are created.
     fn are_corrected(&self) -> bool {
         false
     }
 
-    /// The model for a domain.
+    /// Creates the model for a domain.
     ///
     /// # Errors
-    /// Those of the model.
+    /// The errors of the model.
     fn model(&mut self, domain: &Domain) -> Result<Box<dyn ForwardModel + '_>>;
 }

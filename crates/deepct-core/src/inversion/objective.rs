@@ -1,4 +1,4 @@
-//! What is minimised: half the misfit plus the prior, by pixel.
+//! The objective function: half the misfit plus the prior divided by the number of pixels.
 
 use super::conjugate_gradient;
 use super::curvature::Curvature;
@@ -12,21 +12,21 @@ use crate::image::ViewStack;
 use crate::rng::{Purpose, RngExt, stream};
 use crate::scene::View;
 
-/// The objective on one grid.
+/// The objective function on one grid.
 pub(super) struct Objective<'a> {
     pub(super) model: Box<dyn ForwardModel + 'a>,
     pub(super) measurement: &'a Measurement,
     pub(super) variables: Variables,
     pub(super) prior: Prior,
-    /// The point where the misfit's second derivatives were looked for.
+    /// The point at which the second derivatives of the misfit were estimated.
     probed_at: Vec<f64>,
-    /// About what they are; `None` where nothing is known.
+    /// Approximate second derivatives of the misfit; `None` if they were not estimated.
     curvature: Option<Curvature>,
-    /// Extinction of the cloudy parts that the prior expects (1/km).
+    /// Expected extinction of the cloudy part of each voxel in the prior (1/km).
     expected: Vec<f64>,
-    /// The point of the last value, with the model's images there.
+    /// The point of the last evaluation and the images of the model there.
     last: Option<(Vec<f64>, ViewStack)>,
-    /// Misfit at the point of the last gradient.
+    /// The misfit at the point of the last gradient.
     misfit: f64,
 }
 
@@ -51,39 +51,40 @@ impl<'a> Objective<'a> {
         }
     }
 
-    /// Expect an extinction of the cloudy parts: the prior is then about what differs.
+    /// Sets the expected extinction of the cloudy parts: the prior then applies to the difference
+    /// from it.
     pub(super) fn expect(&mut self, cloudy: &Volume) {
         self.expected = self.variables.gather(&cloudy.values.mapv(f64::from));
     }
 
-    /// What differs at `x` from what the prior expects (1/km).
+    /// The difference at `x` from the extinction that the prior expects (1/km).
     fn unexpected(&self, x: &[f64]) -> Vec<f64> {
         let cloudy = self.variables.cloudy(x);
         cloudy.iter().zip(&self.expected).map(|(cloudy, expected)| cloudy - expected).collect()
     }
 
-    /// Misfit at the point of the last gradient.
+    /// The misfit at the point of the last gradient.
     pub(super) fn misfit(&self) -> f64 {
         self.misfit
     }
 
-    /// Where [`Objective::probe`] was.
+    /// The point of the last [`Objective::probe`].
     pub(super) fn probed_at(&self) -> &[f64] {
         &self.probed_at
     }
 
-    /// How far the images at `x` are from those that were measured, whatever their
+    /// The mean squared difference of the images at `x` from the measured ones, independent of the
     /// standard errors.
     pub(super) fn difference(&mut self, x: &[f64]) -> Result<f64> {
         let images = self.model.images(&self.variables.extinction(x)?)?;
         self.measurement.difference(&images)
     }
 
-    /// Find out what the second derivatives of the misfit at `x` are about.
+    /// Estimates the second derivatives of the misfit at `x`.
     ///
-    /// The diagonal of the Gauss-Newton matrix is estimated by random combinations of the
-    /// pixels (Bekas, Kokiopoulou and Saad 2007), whose derivatives cost a gradient each,
-    /// and smoothed over neighbours.
+    /// The diagonal of the Gauss-Newton matrix is estimated from random combinations of the pixels
+    /// (Bekas, Kokiopoulou and Saad 2007), each of which requires one gradient, and smoothed over
+    /// neighbouring voxels.
     pub(super) fn probe(
         &mut self,
         x: &[f64],
@@ -130,7 +131,7 @@ impl Function for Objective<'_> {
     }
 
     fn gradient(&mut self) -> Result<Vec<f64>> {
-        let (x, images) = self.last.as_ref().expect("a gradient is asked for after a value");
+        let (x, images) = self.last.as_ref().expect("gradient() must be called after value()");
         self.misfit = self.measurement.misfit(images)?;
         let derivatives = self.model.gradient(&self.measurement.derivative(images)?)?;
         let pixels = self.measurement.pixels() as f64;
@@ -145,7 +146,8 @@ impl Function for Objective<'_> {
         let pixels = self.measurement.pixels() as f64;
         let product = |change: &[f64]| -> Vec<f64> {
             let extinction: Vec<f64> = change.iter().zip(&slopes).map(|(c, s)| c * s).collect();
-            // The prior is quadratic: its gradient is its second derivatives times a change.
+            // The prior is quadratic: its gradient at a change is the product of its Hessian with
+            // the change.
             let prior = self.prior.gradient(&extinction);
             let mut product = curvature.times(change);
             for (i, product) in product.iter_mut().enumerate() {

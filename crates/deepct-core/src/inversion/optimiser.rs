@@ -1,14 +1,13 @@
-//! Bounded quasi-Newton minimisation: limited-memory BFGS on the variables that are free,
-//! searched along the path that the bounds bend.
+//! Bounded quasi-Newton minimisation: limited-memory BFGS in the free variables, with a line search
+//! along the path projected onto the bounds.
 //!
-//! A variable is free unless it stands at a bound and the gradient pushes it outwards
-//! (Bertsekas 1982, "Projected Newton methods for optimization problems with simple
-//! constraints"). On the free ones the direction is that of the two-loop recursion
-//! (Nocedal 1980) over the last steps, each restricted to them, around what the function
-//! itself knows of its second derivatives ([`Function::preconditioned`]). The step is projected onto
-//! the bounds and accepted when it decreases the value enough (Armijo) and the slope along
-//! it has flattened (weak Wolfe): values may cost seconds, so that the first try is taken
-//! where it can be.
+//! A variable is free unless it is at a bound and the gradient pushes it outwards (Bertsekas 1982,
+//! "Projected Newton methods for optimization problems with simple constraints"). For the free
+//! variables, the direction is given by the two-loop recursion (Nocedal 1980) over the last steps,
+//! each restricted to these variables, with the initial inverse Hessian of the function itself
+//! ([`Function::preconditioned`]). The step is projected onto the bounds. It is accepted if it
+//! decreases the value sufficiently (Armijo) and the slope along it has flattened (weak Wolfe). An
+//! evaluation may take seconds, so the first trial step is accepted whenever possible.
 
 use crate::error::Result;
 use serde::{Deserialize, Serialize};
@@ -16,32 +15,32 @@ use std::collections::VecDeque;
 
 /// A smooth function of many variables.
 pub trait Function {
-    /// The value at `x`.
+    /// Computes the value at `x`.
     ///
     /// # Errors
-    /// Those of the function.
+    /// The errors of the function.
     fn value(&mut self, x: &[f64]) -> Result<f64>;
 
-    /// The derivatives at the point of the last [`Function::value`].
+    /// Computes the derivatives at the point of the last [`Function::value`].
     ///
     /// # Errors
-    /// Those of the function.
+    /// The errors of the function.
     fn gradient(&mut self) -> Result<Vec<f64>>;
 
-    /// The inverse of what the second derivatives at `x` are thought to be, but for a factor,
-    /// times a vector, among the variables that are free; the vector is 0 at all others. A
-    /// function that knows nothing gives the vector back.
+    /// Multiplies a vector by an approximate inverse Hessian at `x`, up to a constant factor, among
+    /// the free variables; the vector is 0 for all others. The default returns the vector
+    /// unchanged.
     fn preconditioned(&self, _x: &[f64], vector: Vec<f64>, _free: &[bool]) -> Vec<f64> {
         vector
     }
 }
 
-/// The lowest and the highest value of each variable; may be infinite.
+/// Lower and upper bound of each variable; may be infinite.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Bounds {
-    /// Lowest values.
+    /// Lower bounds.
     pub lower: Vec<f64>,
-    /// Highest values.
+    /// Upper bounds.
     pub upper: Vec<f64>,
 }
 
@@ -51,18 +50,18 @@ impl Bounds {
     }
 }
 
-/// Where a minimisation stands.
+/// A point of a minimisation.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Point {
     /// The variables.
     pub x: Vec<f64>,
-    /// The value there.
+    /// The value at the point.
     pub value: f64,
-    /// The derivatives there.
+    /// The derivatives at the point.
     pub gradient: Vec<f64>,
 }
 
-/// A step, and how the gradient changed over it.
+/// A step and the change of the gradient over it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Pair {
     /// Change of the variables.
@@ -71,15 +70,15 @@ pub struct Pair {
     pub change: Vec<f64>,
 }
 
-/// How [`Minimiser::step`] searches.
+/// Settings of [`Minimiser::step`].
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct MinimiserSettings {
-    /// Steps that are remembered.
+    /// Number of steps that are stored.
     pub memory: usize,
-    /// The largest change of a variable in the first try of a step that no memory guides.
+    /// The largest change of a variable in the first trial of a step without stored steps.
     pub first_change: f64,
-    /// The most values that one step may ask for.
+    /// Maximum number of evaluations in one step.
     pub values: usize,
 }
 
@@ -89,26 +88,26 @@ impl Default for MinimiserSettings {
     }
 }
 
-/// Share of the decrease that the slope promises which a step must reach.
+/// Smallest decrease of an accepted step, relative to the decrease predicted from the slope.
 const ARMIJO: f64 = 1e-4;
-/// Share of a value by which rounding may change it.
+/// Relative change of a value by rounding errors.
 const ROUNDING: f64 = 1e-15;
-/// Share of the slope that may be left after a step.
+/// Slope, relative to that before the step, at or below which the search ends.
 const WOLFE: f64 = 0.9;
-/// Cosine between a step and the change of the gradient below which the pair says nothing.
+/// Cosine between a step and the change of the gradient below which the pair is not used.
 const LEAST_COSINE: f64 = 1e-8;
 
-/// What a step came to.
+/// The result of a step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Step {
-    /// The value went down.
+    /// The value decreased.
     Taken,
-    /// No lower value was found: the point is a minimum as far as values can tell.
+    /// No lower value was found: within the accuracy of the values, the point is a minimum.
     NoDescent,
 }
 
-/// A minimisation under way.
+/// A minimisation in progress.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Minimiser {
     point: Point,
@@ -119,10 +118,10 @@ pub struct Minimiser {
 }
 
 impl Minimiser {
-    /// Start at `x`, brought within the bounds.
+    /// Starts at `x`, projected onto the bounds.
     ///
     /// # Errors
-    /// Those of the function.
+    /// The errors of the function.
     pub fn start(
         function: &mut dyn Function,
         x: &[f64],
@@ -136,7 +135,7 @@ impl Minimiser {
         Ok(Self { point, pairs: VecDeque::new(), bounds, settings, values: 1 })
     }
 
-    /// Go on from a point with what is remembered of the steps before it.
+    /// Resumes from a point with the steps stored before it.
     pub fn resume(
         point: Point,
         pairs: Vec<Pair>,
@@ -146,32 +145,32 @@ impl Minimiser {
         Self { point, pairs: pairs.into(), bounds, settings, values: 0 }
     }
 
-    /// Where it stands.
+    /// The current point.
     pub fn point(&self) -> &Point {
         &self.point
     }
 
-    /// The steps that are remembered, the oldest first.
+    /// The stored steps, the oldest first.
     pub fn pairs(&self) -> impl ExactSizeIterator<Item = &Pair> {
         self.pairs.iter()
     }
 
-    /// Number of values asked for so far.
+    /// Number of evaluations so far.
     pub fn values(&self) -> usize {
         self.values
     }
 
-    /// The largest component of the gradient over the variables that are free.
+    /// The largest absolute component of the gradient over the free variables.
     pub fn free_gradient(&self) -> f64 {
         let free = self.free();
         let sizes = self.point.gradient.iter().zip(&free);
         sizes.filter(|(_, free)| **free).map(|(g, _)| g.abs()).fold(0.0, f64::max)
     }
 
-    /// Take one step.
+    /// Takes one step.
     ///
     /// # Errors
-    /// Those of the function.
+    /// The errors of the function.
     pub fn step(&mut self, function: &mut dyn Function) -> Result<Step> {
         let free = self.free();
         let guided = self.direction(function, &free).filter(|d| self.descends(d));
@@ -191,7 +190,7 @@ impl Minimiser {
         self.search(function, &downhill, self.settings.first_change / steepest)
     }
 
-    /// Which variables may move downhill.
+    /// Whether each variable is free.
     fn free(&self) -> Vec<bool> {
         let Bounds { lower, upper } = &self.bounds;
         let Point { x, gradient, .. } = &self.point;
@@ -210,7 +209,7 @@ impl Minimiser {
         dot(gradient, direction) < -LEAST_COSINE * sizes
     }
 
-    /// The two-loop recursion on the free variables; `None` where no pair has a say.
+    /// The two-loop recursion for the free variables; `None` if no stored pair is usable.
     fn direction(&self, function: &dyn Function, free: &[bool]) -> Option<Vec<f64>> {
         let mut pairs = Vec::new();
         for pair in self.pairs.iter().rev() {
@@ -241,9 +240,9 @@ impl Minimiser {
         Some(direction)
     }
 
-    /// Search along the projected path from a first length. A length whose value is not
-    /// low enough is cut by a parabola; one after which the path still goes steeply down
-    /// is stretched by the secant of the slopes, as long as that pays.
+    /// Searches along the projected path, beginning with the length `first`. A length whose value
+    /// is too high is reduced using a parabola. A length at which the path still descends steeply
+    /// is increased using the secant of the slopes, as long as the value decreases.
     fn search(
         &mut self,
         function: &mut dyn Function,
@@ -306,7 +305,7 @@ impl Minimiser {
     }
 }
 
-/// A vector with 0 where variables are not free.
+/// A copy of a vector with 0 for variables that are not free.
 fn restricted(vector: &[f64], free: &[bool]) -> Vec<f64> {
     vector.iter().zip(free).map(|(v, &free)| if free { *v } else { 0.0 }).collect()
 }

@@ -1,4 +1,4 @@
-//! The deterministic solver as the model of an inversion.
+//! The discrete-ordinates solver as the forward model of an inversion.
 
 use super::{Domain, ForwardModel, Models};
 use crate::error::{Error, Result};
@@ -9,42 +9,44 @@ use crate::scene::{Scene, View};
 use crate::transport::{OrdinatesModel, OrdinatesSettings};
 use ndarray::{Array3, Zip};
 
-/// The tolerance of the solver in a few quick steps, which do not end where a finer one shows.
+/// Tolerance of the solver in a few quick iterations, which end before a smaller tolerance would
+/// make a difference.
 pub const QUICK_TOLERANCE: f64 = 1e-2;
 
-/// Rays of a pixel in those steps.
+/// Number of rays per pixel in the quick iterations.
 const QUICK_RAYS: usize = 3;
-/// Least tolerance of all other steps: with 3e-3 they end where images and derivatives contradict each
-/// other.
+/// Smallest tolerance in all other iterations. With a tolerance of 3e-3, the iterations stop early
+/// because images and derivatives are inconsistent.
 const STEP_TOLERANCE: f64 = 1e-3;
-/// Rays of a pixel in all other steps.
+/// Largest number of rays per pixel in all other iterations.
 const STEP_RAYS: usize = 5;
 
-/// The least extinction that voxels of a mask are prepared for (1/km): steps may fill empty ones.
+/// Smallest extinction for which the voxels of a mask are prepared (1/km), because iterations may
+/// fill empty voxels.
 const LEAST_PREPARED: f32 = 20.0;
 
-/// The deterministic solver on any grid: steps are taken by a cheap one, whose images an accurate one
-/// corrects.
+/// The discrete-ordinates solver on any grid: the iterations use a fast solver, whose images an
+/// accurate solver corrects.
 ///
-/// On the grid of the answer and near it, the images of the accurate solver at the extinction that a
-/// stage begins with, minus those of the cheap one, are added to all later images: a step costs what the
-/// cheap solver does, and stage after stage ends closer to the accurate one's answer (defect correction:
-/// Stetter 1978).
+/// On the full-resolution grid and near the solution, the difference between the images of the
+/// accurate and of the fast solver at the first extinction of a stage is added to all later images.
+/// An iteration then costs as much as one of the fast solver, and each stage ends closer to the
+/// solution of the accurate solver (defect correction: Stetter 1978).
 #[derive(Debug, Clone)]
 pub struct OrdinatesModels {
-    /// The scene whose medium tells the scattering; its extinction does not matter.
+    /// The scene whose medium defines the scattering properties; its extinction has no effect.
     pub scene: Scene,
     /// The views of the observation.
     pub views: Vec<View>,
-    /// Settings of the solver that takes the steps, on all grids.
+    /// Settings of the fast solver, which is used in the iterations on all grids.
     pub settings: OrdinatesSettings,
-    /// Settings of the solver that corrects it, if any.
+    /// Settings of the accurate solver that corrects the fast one, if any.
     pub accurate_settings: Option<OrdinatesSettings>,
 }
 
 impl OrdinatesModels {
-    /// Corrected by the solver of the given settings; steps by half of its ordinates, fewer rays, and
-    /// voxels that are not split.
+    /// Creates models that are corrected by a solver with the given settings. The fast solver uses
+    /// about half of the ordinates and fewer rays, and does not subdivide voxels.
     pub fn new(scene: Scene, views: Vec<View>, settings: OrdinatesSettings) -> Self {
         let steps = OrdinatesSettings {
             zenith_angles: (settings.zenith_angles / 8 * 4).max(4),
@@ -56,7 +58,8 @@ impl OrdinatesModels {
         Self { scene, views, settings: steps, accurate_settings: Some(settings) }
     }
 
-    /// Steps with [`QUICK_TOLERANCE`] and fewer rays, corrected by the same solver as before.
+    /// Returns the models with [`QUICK_TOLERANCE`] and fewer rays in the fast solver; the accurate
+    /// solver does not change.
     pub fn quick(self) -> Self {
         let settings = OrdinatesSettings {
             tolerance: QUICK_TOLERANCE,
@@ -66,7 +69,7 @@ impl OrdinatesModels {
         Self { settings, ..self }
     }
 
-    /// What collisions do on a grid of blocks of voxels.
+    /// The scattering properties on a grid of blocks of voxels.
     fn scattering(&self, grid: &Grid) -> Scattering {
         let Scattering::Droplets { effective_radius, table } = &self.scene.medium.scattering else {
             return self.scene.medium.scattering.clone();
@@ -115,10 +118,10 @@ impl Models for OrdinatesModels {
     }
 }
 
-/// A cheap model with the defect that it had at the first extinction.
+/// A fast model, corrected by its defect at the first extinction.
 struct Corrected {
     cheap: OrdinatesModel,
-    /// Until it has been used.
+    /// `None` after its first use.
     accurate: Option<OrdinatesModel>,
     defect: Option<ViewStack>,
 }

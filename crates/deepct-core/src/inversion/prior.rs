@@ -1,24 +1,23 @@
-//! What is known of clouds before they are seen: extinction does not jump everywhere, and a
-//! network may have told how far off it expects to be.
+//! The prior: the extinction is smooth, and a network may have estimated its own uncertainty.
 
 use crate::grid::Grid;
 use ndarray::Array3;
 
-/// Half the sum over all voxels and axes of `(d extinction / d axis / typical)^2`, the
-/// negative logarithm of a Gaussian Markov field; between neighbours that both are
-/// variables, so that the edge of the mask costs nothing. Where standard errors are given, half
-/// the sum of `(extinction / standard error)^2` besides.
+/// Half the sum over all voxels and axes of `(d extinction / d axis / typical)^2`, the negative
+/// logarithm of a Gaussian Markov random field. It includes only pairs of neighbours that are both
+/// variables, so that the edge of the mask has no cost. If standard errors are given, half the sum
+/// of `(extinction / standard error)^2` is added.
 #[derive(Debug, Clone)]
 pub(super) struct Prior {
     pairs: Vec<(usize, usize, f64)>,
-    /// One over the variance of each variable; empty where none is known.
+    /// The inverse variance of each variable; empty if the variances are not known.
     precisions: Vec<f64>,
 }
 
 impl Prior {
-    /// Of the variables with a positive share, numbered in the order of the array. A
-    /// voxel of the grid stands for `block`^3 of those that count. `typical` is a gradient
-    /// (1/km over 1 km); 0 makes all fields alike.
+    /// Creates the prior of the variables with a positive share, numbered in the order of the
+    /// array. A voxel of the grid represents `block`^3 voxels of the full-resolution grid.
+    /// `typical` is a gradient (1/km over 1 km); 0 makes all fields equally likely.
     pub(super) fn new(grid: &Grid, shares: &Array3<f64>, block: usize, typical: f64) -> Self {
         let mut pairs = Vec::new();
         if typical > 0.0 {
@@ -46,7 +45,7 @@ impl Prior {
         Self { pairs, precisions: Vec::new() }
     }
 
-    /// The same with a standard error (1/km) of each variable.
+    /// Returns the prior with a standard error (1/km) of each variable.
     pub(super) fn with_errors(self, errors: &[f64]) -> Self {
         Self { precisions: errors.iter().map(|error| error.powi(-2)).collect(), ..self }
     }
@@ -75,7 +74,7 @@ impl Prior {
         gradient
     }
 
-    /// The diagonal of the matrix of second derivatives.
+    /// The diagonal of the Hessian.
     pub(super) fn diagonal(&self, count: usize) -> Vec<f64> {
         let mut diagonal = self.precisions.clone();
         diagonal.resize(count, 0.0);
@@ -92,8 +91,8 @@ mod tests {
     use super::*;
     use crate::math::DVec3;
 
-    /// Three voxels in a row along x with 1, 4 and 2 /km at 0.5 km: gradients of 6 and -4
-    /// over a typical one of 2 give (9 + 4) / 2.
+    /// Three voxels in a row along x, 0.5 km apart, have extinctions of 1, 4 and 2 /km: gradients
+    /// of 6 and -4 over a typical one of 2 give (9 + 4) / 2.
     #[test]
     fn three_voxels_by_hand() {
         let grid = Grid::new(DVec3::ZERO, DVec3::splat(0.5), [1, 1, 4]).unwrap();
@@ -108,7 +107,7 @@ mod tests {
         let alone = Prior::new(&grid, &shares, 1, 0.0);
         assert_eq!(alone.value(&extinction), 0.0);
 
-        // With standard errors of 1, 2 and 4: (1 + 4 + 1 / 4) / 2 besides.
+        // Standard errors of 1, 2 and 4 add (1 + 4 + 1 / 4) / 2.
         let known = prior.with_errors(&[1.0, 2.0, 4.0]);
         assert!((known.value(&extinction) - 6.5 - 2.625).abs() < 1e-12);
         assert_eq!(known.gradient(&extinction), [-2.0, 6.0, -1.875]);

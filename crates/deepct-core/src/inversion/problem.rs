@@ -1,30 +1,30 @@
-//! What is asked, and where the search begins.
+//! The problem that an inversion solves, and its start.
 
 use crate::grid::{Mask, Volume};
 use crate::network::Estimate;
 use crate::scene::Observation;
 
-/// What is asked: the cloud of an observation, inside a mask.
+/// The problem: the extinction of the cloud of an observation, inside a mask.
 #[derive(Debug, Clone, Copy)]
 pub struct Problem<'a> {
-    /// The images.
+    /// The images and their geometry.
     pub observation: &'a Observation,
-    /// Where the cloud may be, and the grid of the answer.
+    /// The voxels that may contain cloud, and the grid of the solution.
     pub mask: &'a Mask,
-    /// The truth on the same grid, if the history shall tell how far each step is from it.
+    /// The truth on the same grid, if the history is to contain the error of each iteration.
     pub truth: Option<&'a Volume>,
 }
 
-/// Where an inversion starts.
+/// The start of an inversion.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub enum Start {
-    /// The same extinction (1/km) everywhere in the mask.
+    /// A uniform extinction (1/km) in the mask.
     Constant(f64),
-    /// The same extinction everywhere, the one that fits the images best.
+    /// A uniform extinction in the mask, with the value that fits the images best.
     Search,
-    /// An extinction on the grid of the mask, from a file or a network; how far off it is
-    /// expected to be, if that is told, is part of the prior.
+    /// An extinction on the grid of the mask, from a file or a network. Its uncertainty, if given,
+    /// is part of the prior.
     Estimate(Box<Estimate>),
 }
 

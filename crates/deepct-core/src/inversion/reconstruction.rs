@@ -1,85 +1,85 @@
-//! What an inversion came to, step by step.
+//! The result of an inversion and the record of its iterations.
 
 use super::Checkpoint;
 use crate::error::Result;
 use crate::grid::Volume;
 use serde::{Deserialize, Serialize};
 
-/// One step of an inversion.
+/// One iteration of an inversion.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Record {
-    /// Number of the stage, from 0: grid after grid, then correction after correction.
+    /// Index of the stage, from 0: the grids from coarse to fine, then the corrections.
     pub stage: usize,
-    /// Side of the blocks of voxels that were solved for; 1 on the grid itself.
+    /// Side length (voxels) of the blocks that are solved for; 1 on the full-resolution grid.
     pub block: usize,
-    /// Number of the step in that stage; 0 is its start.
+    /// Number of the iteration in that stage; 0 is the start of the stage.
     pub iteration: usize,
-    /// Time since the beginning (s).
+    /// Time since the start of the inversion (s).
     pub seconds: f64,
-    /// Mean over all pixels of the squared residual over its standard error.
+    /// Mean over all pixels of the squared ratio of the residual to its standard error.
     pub misfit: f64,
-    /// What is minimised.
+    /// Value of the objective function.
     pub value: f64,
-    /// Times that images were computed in that stage.
+    /// Number of evaluations of the forward model in that stage.
     pub evaluations: usize,
-    /// Relative error epsilon, where the truth is known.
+    /// Relative error epsilon, if the truth is known.
     pub relative_error: Option<f64>,
-    /// Relative error of the total extinction delta, where the truth is known.
+    /// Relative error of the total extinction delta, if the truth is known.
     pub mass_error: Option<f64>,
 }
 
-/// Why an inversion ended.
+/// The reason why an inversion ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
 pub enum Ending {
-    /// The misfit is what the noise explains.
+    /// The misfit reached the level explained by the noise.
     Noise,
-    /// All steps were taken.
+    /// The maximum number of iterations was reached.
     Iterations,
-    /// Steps did not lower the value any more.
+    /// The iterations no longer reduced the objective function.
     Stalled,
-    /// The watch stopped it.
+    /// The progress callback interrupted the inversion.
     Interrupted,
 }
 
 impl Ending {
-    /// Why the inversion ended, in words.
+    /// A description of the reason why the inversion ended.
     pub fn description(self) -> &'static str {
         match self {
-            Self::Noise => "the noise explains the rest",
-            Self::Iterations => "all steps taken",
-            Self::Stalled => "no step lowers the value any more",
+            Self::Noise => "the misfit is at the noise level",
+            Self::Iterations => "maximum number of iterations reached",
+            Self::Stalled => "no further decrease of the objective function",
             Self::Interrupted => "stopped",
         }
     }
 }
 
-/// What an inversion came to.
+/// The result of an inversion.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Reconstruction {
     /// The extinction (1/km), 0 outside the mask.
     pub extinction: Volume,
-    /// What was reached, step by step.
+    /// The record of each iteration.
     pub history: Vec<Record>,
-    /// Why it ended.
+    /// The reason why the inversion ended.
     pub ending: Ending,
 }
 
-/// Whoever waits for an inversion; `()` does so without a word.
+/// Progress callback; `()` ignores all events.
 pub trait Watch {
-    /// Called after each step.
+    /// Called after each iteration.
     fn reached(&self, _record: &Record) {}
 
-    /// Called after each step with what is needed to go on from there.
+    /// Called after each iteration with the state from which the inversion can be resumed.
     ///
     /// # Errors
-    /// Where it cannot be kept; the inversion then ends with this error.
+    /// A checkpoint that cannot be stored; the inversion then ends with this error.
     fn keep(&self, _checkpoint: &Checkpoint) -> Result<()> {
         Ok(())
     }
 
-    /// Whether to stop and give what is there. Asked before each step.
+    /// Whether to stop and return the current result. Called before each iteration.
     fn interrupted(&self) -> bool {
         false
     }

@@ -1,4 +1,4 @@
-//! The way from a start to an answer: stage by stage, step by step.
+//! The sequence of an inversion: stages on several grids, each with several iterations.
 
 use super::blocks::{coarsen, means, refine, shares};
 use super::objective::Objective;
@@ -18,17 +18,18 @@ use crate::scene::View;
 use ndarray::Array3;
 use std::time::Instant;
 
-/// Steps over which [`InversionSettings::change`] is looked at.
+/// Number of iterations to which [`InversionSettings::change`] applies.
 const PATIENCE: usize = 5;
 
-/// Least uncertainty of a start (1/km): what a network takes for clear may be thin cloud.
+/// Smallest uncertainty of a start (1/km), because voxels that a network estimates as clear may
+/// contain thin cloud.
 const LEAST_UNCERTAINTY: f64 = 0.1;
 
-/// The extinction inside the mask whose images fit those of the observation.
+/// Retrieves the extinction inside the mask whose simulated images fit those of the observation.
 ///
 /// # Errors
-/// Settings out of range, a mask of nothing, a start or truth on another grid, images of
-/// nothing, and the errors of the models and of the watch.
+/// Settings out of range, an empty mask, a start or truth on another grid, images without light,
+/// and the errors of the models and of the progress callback.
 pub fn invert(
     problem: &Problem,
     models: &mut dyn Models,
@@ -50,10 +51,10 @@ pub fn invert(
     Ok(Reconstruction { extinction, history: run.history, ending })
 }
 
-/// Go on from a checkpoint of [`invert`] with the same problem, models, start and settings.
+/// Resumes [`invert`] from a checkpoint, with the same problem, models, start and settings.
 ///
 /// # Errors
-/// As [`invert`]; a checkpoint of another problem.
+/// The errors of [`invert`]; a checkpoint of another problem.
 pub fn resume(
     problem: &Problem,
     models: &mut dyn Models,
@@ -70,7 +71,7 @@ pub fn resume(
             "stage of the checkpoint",
             format!("below {}", run.stages.len()),
             first,
-            "go on with the settings that the inversion was begun with",
+            "resume with the settings with which the inversion was started",
         ));
     }
     let level = run.level(first)?;
@@ -86,12 +87,12 @@ pub fn resume(
     Ok(Reconstruction { extinction, history: run.history, ending })
 }
 
-/// A part of an inversion, after which the model is made anew.
+/// A part of an inversion with one model; the next stage creates a new one.
 #[derive(Debug, Clone, Copy)]
 struct Stage {
-    /// Side of the blocks of voxels that are solved for.
+    /// Side length (voxels) of the blocks that are solved for.
     block: usize,
-    /// Whether it begins near the answer.
+    /// Whether the stage begins near the solution.
     near: bool,
 }
 
@@ -105,22 +106,22 @@ struct Level {
 }
 
 impl Level {
-    /// The blocks that hold some of the mask.
+    /// The blocks that contain voxels of the mask.
     fn mask(&self) -> Result<Mask> {
         Mask::new(self.grid, self.shares.mapv(|share| share > 0.0))
     }
 }
 
-/// Where the work on a grid begins.
+/// The start of a stage.
 enum Beginning<'a> {
-    /// At an extinction of the cloudy parts on the grid of the answer; whether the factor
-    /// that fits best is searched for.
+    /// An extinction of the cloudy parts on the grid of the solution, and whether to search for the
+    /// factor that fits the images best.
     Volume(&'a Volume, bool),
-    /// Where another run was.
+    /// The state of an interrupted inversion.
     Checkpoint(Checkpoint),
 }
 
-/// What all grids of an inversion have in common.
+/// The data that all stages of an inversion share.
 struct Run<'a> {
     views: &'a [View],
     mask: &'a Mask,
@@ -128,11 +129,11 @@ struct Run<'a> {
     settings: &'a InversionSettings,
     watch: &'a dyn Watch,
     measurement: Measurement,
-    /// What the prior expects: a start that differs from voxel to voxel.
+    /// The start if it is an estimate, which the prior expects.
     expected: Option<&'a Estimate>,
     stages: Vec<Stage>,
     history: Vec<Record>,
-    /// Time that was spent before this run.
+    /// Time spent before the inversion was resumed (s).
     seconds: f64,
     began: Instant,
 }
@@ -185,7 +186,7 @@ impl<'a> Run<'a> {
         })
     }
 
-    /// The extinction to start with, and whether its factor is searched for.
+    /// The extinction of the start, and whether to search for its factor.
     fn first(&self, start: &Start) -> Result<(Volume, bool)> {
         let grid = self.mask.grid;
         let (volume, search) = match start {
@@ -201,8 +202,8 @@ impl<'a> Run<'a> {
         Ok((volume, search))
     }
 
-    /// How far off the start is expected to be, where that is told and asked for. The most
-    /// likely cloud is looked for then, not the first that the noise allows.
+    /// The uncertainty of the start, if it is given and used. The inversion then seeks the most
+    /// likely extinction, not the first one that is consistent with the noise.
     fn uncertainty(&self) -> Option<&'a Volume> {
         let told = self.expected.and_then(|start| start.uncertainty.as_ref());
         told.filter(|_| self.settings.start_error > 0.0)
@@ -214,7 +215,7 @@ impl<'a> Run<'a> {
         Ok(Level { number, block, near, grid, shares: shares(self.mask, block, grid.shape) })
     }
 
-    /// Solve on one grid; gives the extinction of the cloudy parts on the answer's grid.
+    /// Solves one stage and returns the extinction of the cloudy parts on the grid of the solution.
     fn solve(
         &mut self,
         level: &Level,
@@ -271,7 +272,7 @@ impl<'a> Run<'a> {
         Ok((self.answer(level, &objective, &minimiser)?, ending))
     }
 
-    /// Scale the start, probe the second derivatives, and compute the first gradient.
+    /// Scales the start, estimates the second derivatives, and computes the first gradient.
     fn begin(
         &self,
         objective: &mut Objective,
@@ -287,7 +288,7 @@ impl<'a> Run<'a> {
         Minimiser::start(objective, &x, bounds, minimiser_settings(self.settings))
     }
 
-    /// A minimisation that goes on where another run was, and the number of its steps.
+    /// Restores the minimisation of a checkpoint and the number of its iterations.
     fn restore(
         &self,
         objective: &mut Objective,
@@ -300,7 +301,7 @@ impl<'a> Run<'a> {
                 "number of variables in the checkpoint",
                 variables,
                 point.x.len(),
-                "go on with the images, grid and mask that the inversion was begun with",
+                "resume with the images, grid and mask with which the inversion was started",
             ));
         }
         objective.probe(&probed_at, self.settings, self.views)?;
@@ -308,7 +309,7 @@ impl<'a> Run<'a> {
         Ok((Minimiser::resume(point, pairs, bounds, minimiser_settings(self.settings)), iteration))
     }
 
-    /// Whether a stage is over.
+    /// The reason to end the stage, if there is one.
     fn ended(&self, iteration: usize, most: usize, stage: usize) -> Option<Ending> {
         let here: Vec<&Record> =
             self.history.iter().filter(|record| record.stage == stage).collect();
@@ -326,7 +327,7 @@ impl<'a> Run<'a> {
         (before - last.value < self.settings.change * before).then_some(Ending::Stalled)
     }
 
-    /// Record a step, tell the watch, and let it keep what is needed to go on.
+    /// Records an iteration and passes it, with a checkpoint, to the progress callback.
     fn note(
         &mut self,
         level: &Level,
@@ -363,7 +364,7 @@ impl<'a> Run<'a> {
         })
     }
 
-    /// The extinction of the cloudy parts on the grid of the answer, 0 outside the mask.
+    /// The extinction of the cloudy parts on the grid of the solution, 0 outside the mask.
     fn answer(
         &self,
         level: &Level,
@@ -382,8 +383,9 @@ impl<'a> Run<'a> {
     }
 }
 
-/// The stages of an inversion: from a start that is the same everywhere, blocks from coarse to fine and
-/// the grid itself, then the corrections. Where models are not corrected, the grid itself once.
+/// The stages of an inversion. From a uniform start, these are the blocks from coarse to fine, the
+/// full-resolution grid without correction, and the corrections; from an estimate, only the
+/// corrections. If the models are not corrected, there is one stage on the full-resolution grid.
 fn stages(start: &Start, corrected: bool, settings: &InversionSettings) -> Vec<Stage> {
     let near = Stage { block: 1, near: true };
     let corrections = if corrected { settings.corrections } else { 1 };

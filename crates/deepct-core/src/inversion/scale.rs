@@ -1,22 +1,22 @@
-//! The factor by which a start fits the images best.
+//! The factor that scales a uniform start to the images.
 
 use super::objective::Objective;
 use crate::error::Result;
 use crate::grid::Volume;
 
-/// The first stride in the logarithm of the factor.
+/// The first step in the logarithm of the factor.
 const FIRST_STRIDE: f64 = 1.4;
-/// The most images that the search asks for.
+/// Maximum number of images that the search computes.
 const MOST_IMAGES: usize = 16;
-/// The logarithm of the factor is found to about this.
+/// Approximate accuracy of the logarithm of the factor.
 const ENOUGH: f64 = 0.1;
 
-/// Multiply an extinction by the factor whose images are nearest to those measured. All
-/// pixels count alike: a start that is far off would else be thinned until the dim edges
-/// of the cloud, whose errors are small, fit.
+/// Multiplies an extinction by the factor whose images are closest to the measured ones. All pixels
+/// have equal weights: weighted by their standard errors, a start far from the solution would be
+/// thinned until the dim edges of the cloud fit, because their errors are small.
 ///
-/// Strides in the logarithm of the factor grow as long as they pay; then the interval
-/// around the lowest place is narrowed by parabolas.
+/// The search takes increasing steps in the logarithm of the factor as long as the difference
+/// decreases; then parabolas narrow the interval around the minimum.
 pub(super) fn scale(objective: &mut Objective, cloudy: &mut Volume) -> Result<()> {
     let value = |logarithm: f64| -> Result<f64> {
         let scaled = cloudy.values.mapv(|value| value * logarithm.exp() as f32);
@@ -28,7 +28,7 @@ pub(super) fn scale(objective: &mut Objective, cloudy: &mut Volume) -> Result<()
     Ok(())
 }
 
-/// About where a function of one number, searched from 0, is lowest.
+/// Approximate position of the minimum of a function of one variable, searched from 0.
 fn lowest(mut function: impl FnMut(f64) -> Result<f64>) -> Result<f64> {
     let mut at = |x: f64| function(x).map(|value| (x, value));
     let (mut low, mut middle) = (at(0.0)?, at(FIRST_STRIDE)?);
@@ -56,8 +56,9 @@ fn lowest(mut function: impl FnMut(f64) -> Result<f64>) -> Result<f64> {
     Ok(if middle.1 <= high.1 { middle.0 } else { high.0 })
 }
 
-/// Where to look next: the lowest place of the parabola through three points, kept away
-/// from the middle one, on the side of which nothing new would be learnt.
+/// The next position to evaluate: the minimum of the parabola through three points. If it is
+/// outside the interval, or too close to the middle point to give new information, a point in the
+/// wider part of the interval is used instead.
 fn between((a, fa): (f64, f64), (b, fb): (f64, f64), (c, fc): (f64, f64)) -> f64 {
     let (left, right) = ((b - a) * (fb - fc), (b - c) * (fb - fa));
     let vertex = b - 0.5 * ((b - a) * left - (b - c) * right) / (left - right);
@@ -73,7 +74,8 @@ fn between((a, fa): (f64, f64), (b, fb): (f64, f64), (c, fc): (f64, f64)) -> f64
 mod tests {
     use super::*;
 
-    /// A misfit that saturates on both sides, as that of a thin and of a thick cloud do.
+    /// A function that is nearly linear on both sides of its minimum, as a substitute for the
+    /// misfit of a cloud that is too thin or too thick.
     #[test]
     fn the_lowest_place_is_found_from_afar() {
         for place in [-9.0_f64, -2.0, 0.0, 0.7, 5.0, 9.0] {
@@ -82,7 +84,7 @@ mod tests {
                 asked += 1;
                 Ok((1.0 + (-(x - place)).exp()).ln() + 0.2 * (1.0 + (x - place).exp()).ln())
             });
-            // The derivative is zero where exp(place - x) is a fifth.
+            // The derivative is zero where exp(place - x) is 1/5.
             let expected = place + 5.0_f64.ln();
             let found = found.unwrap();
             assert!((found - expected).abs() < 2.0 * ENOUGH, "{found} {expected}");

@@ -1,70 +1,74 @@
-//! How an inversion is done.
+//! Settings of an inversion.
 
 use crate::error::{Error, Result};
 use serde::{Deserialize, Serialize};
 
-/// How an inversion is done.
+/// Settings of an inversion.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct InversionSettings {
-    /// The most steps on the grid itself.
+    /// Maximum number of iterations on the full-resolution grid, for each correction.
     pub iterations: usize,
-    /// Sides of the blocks of voxels that are solved for first, such as `[4, 2]`; only
-    /// where the start is the same everywhere.
+    /// Side lengths (voxels) of the blocks that are solved for first, such as `[4, 2]`; only used
+    /// with a uniform start.
     pub coarse: Vec<usize>,
-    /// The most steps on each of the coarse grids, and on the grid itself before the first
-    /// correction.
+    /// Maximum number of iterations on each coarse grid, and on the full-resolution grid before the
+    /// first correction.
     pub coarse_iterations: usize,
-    /// How often the images of a cheap solver are corrected by those of an accurate one: where the
-    /// steps begin near the answer, and where those after the last correction came to rest.
+    /// Number of corrections of a fast solver's images by those of an accurate solver: the first
+    /// one where the iterations near the solution begin, each further one where the iterations
+    /// after the previous correction ended.
     pub corrections: usize,
-    /// Steps that the optimiser remembers.
+    /// Number of steps that the optimiser stores (L-BFGS memory).
     pub memory: usize,
-    /// What the optimiser varies.
+    /// The variable in which the optimiser works.
     pub variable: Variable,
-    /// Extinction (1/km) around which [`Variable::Logarithmic`] turns from linear to
-    /// logarithmic.
+    /// Extinction (1/km) around which [`Variable::Logarithmic`] changes from linear to logarithmic.
     pub softness: f64,
-    /// The greatest extinction that a voxel may have (1/km).
+    /// Largest extinction of a voxel (1/km).
     pub greatest: f64,
-    /// Random combinations of the pixels by which the sensitivity to each voxel is
-    /// estimated before the first step; 0 leaves all voxels alike.
+    /// Number of random combinations of the pixels from which the sensitivity to each voxel is
+    /// estimated before the first iteration; with 0, all voxels are assumed to be equally
+    /// sensitive.
     pub probes: usize,
-    /// Whether a start that is the same everywhere is first multiplied by the factor that
-    /// fits the images best.
+    /// Whether a uniform start is first multiplied by the factor that fits the images best.
     pub scale_start: bool,
-    /// Standard error of a pixel over its radiance, where the images do not tell it.
+    /// Standard error of a pixel relative to its radiance, used if the images have no standard
+    /// error.
     pub relative_noise: f64,
-    /// Standard error of the model over the radiance, added in quadrature.
+    /// Standard error of the forward model relative to the radiance, added in quadrature.
     pub model_error: f64,
-    /// Standard error of every pixel over the brightest one, added in quadrature.
+    /// Standard error of every pixel relative to the largest radiance, added in quadrature.
     pub least_error: f64,
-    /// Standard error of the model on a grid of blocks over the radiance, by the side of
-    /// the blocks; added in quadrature.
+    /// Standard error of the forward model on a grid of blocks, relative to the radiance and per
+    /// voxel of the side length of a block; added in quadrature.
     pub coarse_error: f64,
-    /// Gradient of the extinction (1/km over 1 km) that is taken as typical, or of what
-    /// differs from a start that is not the same everywhere: steeper ones cost, in
-    /// proportion to their square. 0 leaves this out.
+    /// Typical gradient of the extinction (1/km over 1 km), or of its difference from a start that
+    /// is not uniform. The cost of a gradient is proportional to its square. 0 disables this term
+    /// of the prior.
     pub typical_gradient: f64,
-    /// Standard error of each voxel of the start over the uncertainty that the network told of
-    /// it; 0 leaves this out.
+    /// Standard error of each voxel of the start relative to the uncertainty that the network
+    /// estimates; 0 disables this term of the prior.
     pub start_error: f64,
-    /// Stop when the misfit, the mean square of the residuals over their standard error,
-    /// is no greater than this (discrepancy principle of Morozov 1966: 1). 0 leaves this
-    /// out, as does a start that tells its uncertainty: its most likely change is looked for.
+    /// Stop when the misfit, the mean square of the residuals over their standard errors, is at
+    /// most this value (discrepancy principle of Morozov 1966: 1). 0 disables this criterion. A
+    /// start whose uncertainty is used disables it too, because the inversion then seeks the most
+    /// likely extinction.
     pub misfit: f64,
-    /// Stop when the last five steps lowered the value by less than this share of it.
+    /// Stop when the last five iterations reduced the objective function by less than this fraction
+    /// of it.
     pub change: f64,
 }
 
-/// What the optimiser varies.
+/// The variable in which the optimiser works.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 #[non_exhaustive]
 pub enum Variable {
-    /// Extinction.
+    /// The extinction itself.
     Linear,
-    /// `s ln(1 + extinction / s)`: of thick voxels a share, of thin ones an amount.
+    /// `s ln(1 + extinction / s)` with `s` the softness: a change of the variable changes large
+    /// extinctions by a relative amount and small ones by an absolute amount.
     Logarithmic,
 }
 
@@ -94,15 +98,15 @@ impl Default for InversionSettings {
 }
 
 impl InversionSettings {
-    /// The same with [`QUICK_ITERATIONS`](super::QUICK_ITERATIONS) and one correction.
+    /// Returns the settings with [`QUICK_ITERATIONS`](super::QUICK_ITERATIONS) and one correction.
     pub fn quick(self) -> Self {
         Self { iterations: super::QUICK_ITERATIONS, corrections: 1, ..self }
     }
 
-    /// An error unless the settings can be used.
+    /// Returns an error unless the settings are valid.
     ///
     /// # Errors
-    /// Names the first number at fault.
+    /// An [`Error::OutOfRange`] that names the first invalid value.
     pub fn check(&self) -> Result<()> {
         let positive = [("softness", self.softness), ("greatest", self.greatest)];
         for (name, value) in positive {

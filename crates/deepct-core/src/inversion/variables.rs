@@ -1,4 +1,4 @@
-//! What the optimiser varies: one number for each voxel of a mask.
+//! The variables of the optimiser: one for each voxel of a mask.
 
 use super::optimiser::Bounds;
 use super::{InversionSettings, Variable};
@@ -6,9 +6,9 @@ use crate::error::Result;
 use crate::grid::{Grid, Volume};
 use ndarray::Array3;
 
-/// The variables of one grid. The extinction of voxel `i` is
-/// `share[i] * T(x[i])` with the function `T` of [`Variable`]: in blocks that
-/// are cloud in part `T` is the extinction of that part.
+/// The variables of one grid. The extinction of voxel `i` is `share[i] * T(x[i])` with the function
+/// `T` of [`Variable`]. In blocks that are partly inside the mask, `T` is the extinction of the
+/// part inside, called the cloudy part.
 #[derive(Debug, Clone)]
 pub(super) struct Variables {
     grid: Grid,
@@ -20,7 +20,7 @@ pub(super) struct Variables {
 }
 
 impl Variables {
-    /// A variable for each voxel with a positive share.
+    /// Creates a variable for each voxel with a positive share.
     pub(super) fn new(grid: Grid, shares: &Array3<f64>, settings: &InversionSettings) -> Self {
         let inside = shares.indexed_iter().filter(|(_, share)| **share > 0.0);
         let (voxels, share): (Vec<_>, Vec<_>) =
@@ -33,12 +33,12 @@ impl Variables {
         self.voxels.len()
     }
 
-    /// The numbers of a field at the voxels of the variables.
+    /// The values of a field at the voxels of the variables.
     pub(super) fn gather(&self, values: &Array3<f64>) -> Vec<f64> {
         self.voxels.iter().map(|voxel| values[*voxel]).collect()
     }
 
-    /// The field that has these numbers at the voxels of the variables, and 0 elsewhere.
+    /// The field with the given values at the voxels of the variables, and 0 elsewhere.
     pub(super) fn scatter(&self, numbers: &[f64]) -> Array3<f64> {
         let mut values = Array3::zeros(self.grid.shape);
         for (voxel, number) in self.voxels.iter().zip(numbers) {
@@ -47,7 +47,7 @@ impl Variables {
         values
     }
 
-    /// The number of each voxel's variable.
+    /// The index of the variable of each voxel.
     pub(super) fn numbers(&self) -> Array3<Option<u32>> {
         let mut numbers = Array3::from_elem(self.grid.shape, None);
         for (number, voxel) in self.voxels.iter().enumerate() {
@@ -56,13 +56,13 @@ impl Variables {
         numbers
     }
 
-    /// From nothing to the greatest extinction.
+    /// Bounds of an extinction between zero and the largest extinction.
     pub(super) fn bounds(&self) -> Bounds {
         let greatest = self.inverse(self.greatest);
         Bounds { lower: vec![0.0; self.len()], upper: vec![greatest; self.len()] }
     }
 
-    /// The variables of a cloudy part's extinction (1/km).
+    /// The variables for an extinction of the cloudy parts (1/km).
     pub(super) fn of(&self, cloudy: &Volume) -> Vec<f64> {
         let extinction = self.voxels.iter().map(|voxel| f64::from(cloudy.values[*voxel]));
         extinction.map(|extinction| self.inverse(extinction.clamp(0.0, self.greatest))).collect()
@@ -73,18 +73,18 @@ impl Variables {
         x.iter().map(|x| self.forward(*x)).collect()
     }
 
-    /// The extinction (1/km) as the model takes it.
+    /// The extinction (1/km) that is the input of the model.
     ///
     /// # Errors
-    /// None for as many numbers as there are variables.
+    /// None if there are as many values as variables.
     pub(super) fn extinction(&self, x: &[f64]) -> Result<Volume> {
         let mut cloudy = self.cloudy(x);
         cloudy.iter_mut().zip(&self.share).for_each(|(cloudy, share)| *cloudy *= share);
         Volume::new(self.grid, self.scatter(&cloudy).mapv(|value| value as f32))
     }
 
-    /// Derivatives with respect to the variables, from those with respect to the
-    /// extinction as the model takes it and to that of the cloudy parts.
+    /// Derivatives with respect to the variables, from the derivatives with respect to the
+    /// extinction in the model and to that of the cloudy parts.
     pub(super) fn pull_back(&self, x: &[f64], model: &Volume, cloudy: &[f64]) -> Vec<f64> {
         (0..x.len())
             .map(|i| {
@@ -94,7 +94,7 @@ impl Variables {
             .collect()
     }
 
-    /// The derivative of each cloudy part's extinction by its variable.
+    /// The derivative of the extinction of each cloudy part with respect to its variable.
     pub(super) fn slopes(&self, x: &[f64]) -> Vec<f64> {
         x.iter().map(|x| self.slope(*x)).collect()
     }
@@ -150,7 +150,7 @@ mod tests {
         }
     }
 
-    /// Against central differences of a sum of the extinction with odd weights.
+    /// Compares with central differences of a weighted sum of the extinction.
     #[test]
     fn derivatives_are_those_of_differences() {
         for kind in [Variable::Linear, Variable::Logarithmic] {

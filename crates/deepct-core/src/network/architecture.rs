@@ -1,24 +1,24 @@
-//! How many layers, and how wide.
+//! The number of layers and their channels.
 
 use serde::{Deserialize, Serialize};
 
-/// The layout of a network: a chain of 3x3 convolutions with padding 1, each followed
-/// by a ReLU.
+/// The architecture of a network: a chain of 3x3 convolutions with padding 1, each followed by a
+/// ReLU.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Architecture {
-    /// Number of channels before the first layer (one per view, or one per plane and
-    /// view), between the layers, and after the last one (one per level): one more than
-    /// there are layers.
+    /// Number of channels before the first layer (one per view, or one per plane and view), between
+    /// the layers, and after the last layer (one per level and output). The list has one element
+    /// more than there are layers.
     pub channels: Vec<usize>,
-    /// Whether a ReLU follows the last layer too, as in the paper; one follows every
-    /// other layer always.
+    /// Whether a ReLU follows the last layer, as in the paper; every other layer is always followed
+    /// by one.
     pub last_relu: bool,
 }
 
 impl Architecture {
-    /// The paper's network for `views` images and `levels` altitudes: `model_depth`
-    /// layers and one more (see [`channels`]).
+    /// The paper's network for `views` images and `levels` altitudes, with `model_depth + 1` layers
+    /// (see [`channels`]).
     pub fn paper(views: usize, levels: usize, model_depth: usize) -> Self {
         Self { channels: channels(views, levels, model_depth), last_relu: true }
     }
@@ -28,12 +28,12 @@ impl Architecture {
         self.channels.len().saturating_sub(1)
     }
 
-    /// Number of channels into and out of each layer.
+    /// Number of input and output channels of each layer.
     pub fn layer_channels(&self) -> impl Iterator<Item = (usize, usize)> + '_ {
         self.channels.windows(2).map(|pair| (pair[0], pair[1]))
     }
 
-    /// Number of weights and biases, batch norms folded.
+    /// Number of weights and biases, with batch norms folded.
     pub fn parameters(&self) -> usize {
         self.layer_channels().map(|(input, output)| (9 * input + 1) * output).sum()
     }
@@ -44,10 +44,10 @@ impl Architecture {
     }
 }
 
-/// The number of channels before, between and after the layers of the paper's
-/// network: it grows by 2 a layer from the number of views until it reaches the number
-/// of levels, and stays there (Sde-Chen et al. 2021, and the code its authors
-/// released). There are `model_depth + 1` layers, so one more number than that.
+/// The numbers of channels before, between and after the layers of the paper's network. The number
+/// increases by 2 per layer from the number of views until it reaches the number of levels, and
+/// then remains constant (Sde-Chen et al. 2021, and the code released by its authors). There are
+/// `model_depth + 1` layers, and the list has one element more.
 pub fn channels(views: usize, levels: usize, model_depth: usize) -> Vec<usize> {
     let mut channels = vec![views];
     let mut current = views;
@@ -59,7 +59,7 @@ pub fn channels(views: usize, levels: usize, model_depth: usize) -> Vec<usize> {
     channels
 }
 
-/// The width (pixels) of the square of input that one output pixel depends on, after
+/// The width (pixels) of the square of input pixels on which one output pixel depends, after
 /// `layers` convolutions of 3x3.
 pub fn receptive_field(layers: usize) -> usize {
     2 * layers + 1
@@ -69,7 +69,8 @@ pub fn receptive_field(layers: usize) -> usize {
 mod tests {
     use super::*;
 
-    /// The figures that the released code gives for both layouts of the paper.
+    /// The numbers of parameters are those of the released code for both architectures of the
+    /// paper.
     #[test]
     fn both_published_layouts_have_their_number_of_parameters() {
         let pearls = Architecture::paper(32, 32, 32);

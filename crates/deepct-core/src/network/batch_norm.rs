@@ -4,10 +4,10 @@ use super::LayerWeights;
 use crate::error::{Error, Result};
 use ndarray::{Array1, Axis};
 
-/// What is added to the variance before its root is taken (PyTorch's default).
+/// Constant added to the variance before the square root is taken (PyTorch's default).
 pub const BATCH_NORM_EPSILON: f64 = 1e-5;
 
-/// The batch normalisation of one layer at inference, by output channel (Ioffe and
+/// The batch normalisation of one layer at inference, one value per output channel (Ioffe and
 /// Szegedy 2015, algorithm 2).
 #[derive(Debug, Clone, PartialEq)]
 pub struct BatchNorm {
@@ -22,12 +22,12 @@ pub struct BatchNorm {
 }
 
 impl BatchNorm {
-    /// The one convolution that equals `layer` followed by this normalisation; computed
-    /// in f64 and rounded once.
+    /// Returns the convolution that is equivalent to `layer` followed by this normalisation,
+    /// computed in f64 and rounded once.
     ///
     /// # Errors
-    /// Another number of channels than the layer's, or a variance that is not finite
-    /// and non-negative.
+    /// A number of channels that differs from that of the layer, or a variance that is negative or
+    /// not finite.
     pub fn fold_into(&self, layer: &LayerWeights) -> Result<LayerWeights> {
         let channels = layer.weight.shape()[0];
         for values in [&self.weight, &self.bias, &self.running_mean, &self.running_var] {
@@ -68,8 +68,7 @@ mod tests {
         LayerWeights { weight, bias: array![0.25, -0.5] }
     }
 
-    /// Both ways of computing one pixel: normalise the sum, or sum with the folded
-    /// weights.
+    /// Computes one pixel by normalising the sum, and by summing with the folded weights.
     #[test]
     fn folding_equals_normalising() {
         let norm = BatchNorm {

@@ -1,4 +1,4 @@
-//! Weights to test with.
+//! Weights for tests.
 
 use super::{
     Architecture, FORMAT_VERSION, ImageLayout, LayerWeights, Levels, NetworkOutput, Training,
@@ -8,10 +8,11 @@ use crate::image::ViewGeometry;
 use ndarray::{Array1, Array4};
 use std::collections::BTreeMap;
 
-/// Random weights under which the size of a signal neither grows nor dies.
+/// Random weights that approximately preserve the magnitude of a signal from layer to layer.
 pub(crate) fn weights(channels: &[usize], seed: u64) -> Weights {
     let mut state = seed;
-    // The linear congruential generator of Knuth's MMIX; its upper bits are random.
+    // The linear congruential generator of Knuth's MMIX, of which only the upper bits are used
+    // because they are the most random.
     let mut draw = |bound: f32| {
         state =
             state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
@@ -30,7 +31,7 @@ pub(crate) fn weights(channels: &[usize], seed: u64) -> Weights {
     Weights::new(metadata(channels), layers).unwrap()
 }
 
-/// Metadata of a network with those channels.
+/// Metadata of a network with the given channels.
 pub(crate) fn metadata(channels: &[usize]) -> WeightsMetadata {
     let views = channels[0];
     let count = channels[channels.len() - 1];

@@ -1,4 +1,4 @@
-//! The network at work: from images to extinction.
+//! Inference: from images to extinction.
 
 use super::resample::PlaneResampler;
 use super::{Estimate, NetworkOutput, Weights, WeightsMetadata};
@@ -10,7 +10,7 @@ use crate::math::DVec3;
 
 use ndarray::{Array3, s};
 
-/// A network that is ready to run: its weights packed for this processor.
+/// A network that is ready to run, with its weights packed for the processor.
 #[derive(Debug, Clone)]
 pub struct Network {
     metadata: WeightsMetadata,
@@ -18,34 +18,35 @@ pub struct Network {
     stack: Stack,
 }
 
-/// Memory for [`Network::run`], made once by [`Network::scratch`] and used as often as wanted.
+/// Memory for [`Network::run`], allocated once by [`Network::scratch`] and reusable for any number
+/// of runs.
 #[derive(Debug)]
 pub struct Scratch {
     stack: conv::Scratch,
-    /// `[cloud, row, col]` that it was made for.
+    /// The size `[cloud, row, col]` for which it was allocated.
     size: [usize; 3],
-    /// The images on the plane of the target, where they are laid on planes.
+    /// The images on the plane of the target; empty if the images are not resampled onto planes.
     ground: Vec<f32>,
 }
 
 impl Scratch {
-    /// Its size in bytes.
+    /// The size in bytes.
     pub fn bytes(&self) -> usize {
         self.stack.bytes() + size_of_val(&self.ground[..])
     }
 }
 
 impl Network {
-    /// The network of `weights`, as fast as this processor runs it.
+    /// Creates the network of `weights` with the default settings for this processor.
     ///
     /// # Errors
-    /// Layers that do not feed each other; none for [`Weights`] made by
+    /// Layers with inconsistent numbers of channels; none for [`Weights`] created by
     /// [`Weights::new`].
     pub fn new(weights: &Weights) -> Result<Self> {
         Self::with_settings(weights, Settings::default())
     }
 
-    /// The network of `weights`, run in a way of one's choice.
+    /// Creates the network of `weights` with other settings.
     ///
     /// # Errors
     /// As [`Network::new`].
@@ -61,29 +62,29 @@ impl Network {
         Ok(Self { metadata: metadata.clone(), resampler: PlaneResampler::new(metadata), stack })
     }
 
-    /// What the network is for.
+    /// The metadata of the weights.
     pub fn metadata(&self) -> &WeightsMetadata {
         &self.metadata
     }
 
-    /// Number of views that the network wants.
+    /// Number of views that the network requires.
     pub fn views(&self) -> usize {
         self.metadata.views()
     }
 
-    /// Number of levels that the network gives.
+    /// Number of levels of the output.
     pub fn levels(&self) -> usize {
         self.metadata.levels.count
     }
 
-    /// Number of channels that [`Network::run`] gives: the levels of each output.
+    /// Number of output channels of [`Network::run`]: the levels of each output.
     pub fn output_channels(&self) -> usize {
         self.stack.output_channels()
     }
 
-    /// The grid of the extinction that [`Network::infer`] gives for images of
-    /// `[rows, cols]` whose middle shows the point `target` (x and y, km): one column of
-    /// voxels for each pixel, the levels of the metadata.
+    /// The grid of the extinction returned by [`Network::infer`] for images of `[rows, cols]`
+    /// pixels with the point `target` (x and y, km) at their centre: one column of voxels for each
+    /// pixel, with the levels of the metadata.
     ///
     /// # Errors
     /// A target that is not finite, an empty image, or one that is too large.
@@ -95,17 +96,17 @@ impl Network {
         Grid::new(origin, DVec3::new(*dx, *dy, levels.spacing_km), [levels.count, rows, cols])
     }
 
-    /// The extinction (1/km) of the cloud in `images` (radiance, 1/sr) that were taken as `geometry`
-    /// says.
+    /// Estimates the extinction (1/km) of the cloud in `images` (radiance, 1/sr) with the imaging
+    /// geometry `geometry`.
     ///
     /// # Errors
-    /// Images that were not taken as the weights require ([`WeightsMetadata::check_images`]), with the
-    /// number that differs; another number of images than of views.
+    /// A geometry that the weights do not support ([`WeightsMetadata::check_images`]), with the
+    /// value that differs; a number of images that differs from the number of views.
     pub fn infer(&self, images: &ViewStack, geometry: &ImagingGeometry) -> Result<Volume> {
         Ok(self.estimate(images, geometry)?.extinction)
     }
 
-    /// As [`Network::infer`], with its uncertainty where the weights tell it.
+    /// As [`Network::infer`], with the uncertainty of the extinction if the weights provide it.
     ///
     /// # Errors
     /// As [`Network::infer`].
@@ -132,10 +133,10 @@ impl Network {
         Ok(Estimate { extinction: Volume::new(grid, values)?, uncertainty })
     }
 
-    /// Memory for [`Network::run`] on as many images of a size, `[cloud, row, col]`.
+    /// Allocates memory for [`Network::run`] for images of the size `[cloud, row, col]`.
     ///
     /// # Errors
-    /// A size of nothing, or one that no memory can hold.
+    /// A size that is zero or exceeds the addressable memory.
     pub fn scratch(&self, size: [usize; 3]) -> Result<Scratch> {
         let stack = self.stack.scratch(size)?;
         let ground = match &self.resampler {
@@ -145,12 +146,12 @@ impl Network {
         Ok(Scratch { stack, size, ground })
     }
 
-    /// The outputs (1/km), `[cloud, output and level, row, col]`, the extinction first, of the
-    /// clouds in images of radiance (1/sr), `[cloud, view, row, col]`, of the size that `scratch`
-    /// was made for. All are C-ordered. Nothing is allocated.
+    /// Computes the outputs (1/km), `[cloud, output and level, row, col]` with the extinction
+    /// first, for images of radiance (1/sr), `[cloud, view, row, col]`, of the size for which
+    /// `scratch` was allocated. All arrays are in C order. No memory is allocated.
     ///
     /// # Errors
-    /// Slices that are not of these shapes.
+    /// Slices whose lengths do not match these shapes.
     pub fn run(&self, input: &[f32], output: &mut [f32], scratch: &mut Scratch) -> Result<()> {
         let Scratch { stack, size, ground } = scratch;
         let Some(resampler) = &self.resampler else { return self.stack.run(input, output, stack) };
@@ -174,7 +175,7 @@ mod tests {
     use super::*;
     use crate::network::weights;
 
-    /// Images as the weights require them, around a point (x and y, km).
+    /// The imaging geometry that the weights require, with the given target point (x and y, km).
     fn around(weights: &Weights, [x, y]: [f64; 2]) -> ImagingGeometry {
         let metadata = &weights.metadata;
         ImagingGeometry {
@@ -191,7 +192,7 @@ mod tests {
         .unwrap()
     }
 
-    /// The same numbers by the definition of the scales, and a grid around the target.
+    /// The result agrees with the definition of the scales, and the grid is centred on the target.
     #[test]
     fn scales_and_grid_are_those_of_the_metadata() {
         let geometry = around(&weights(&[3, 5, 4], 3), [2.0, -1.0]);
@@ -213,7 +214,7 @@ mod tests {
         }
     }
 
-    /// The second half of the channels of the last layer.
+    /// The uncertainty is the second half of the channels of the last layer.
     #[test]
     fn an_uncertainty_comes_after_the_extinction() {
         let images = images([3, 6, 7]);

@@ -1,38 +1,38 @@
-//! How images lie before the first layer.
+//! Arrangement of the images as input channels of the first layer.
 
 use super::WeightsMetadata;
 use crate::error::{Error, Result};
 use serde::{Deserialize, Serialize};
 
-/// How the images become the channels of the first layer.
+/// Arrangement of the images as input channels of the first layer.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
 pub enum ImageLayout {
-    /// As the cameras took them: channel `view`, pixel `[row, col]` of every view is one
-    /// input pixel.
+    /// As recorded by the cameras: channel `view` is the image of that view, and the pixel `[row,
+    /// col]` of that image is the input pixel `[row, col]`.
     Camera,
-    /// Laid on horizontal planes.
+    /// Resampled onto horizontal planes.
     Planes(Planes),
 }
 
-/// Horizontal planes that the network lays the images on, so that one input pixel is one
+/// Horizontal planes onto which the network resamples the images, so that one input pixel is one
 /// column of voxels in every channel (the plane sweep of Collins 1996).
 ///
-/// Each image is resampled once, bilinearly, on the plane of the target. On a plane at
-/// another altitude it lies as far off as a cloud there seems to be, to the nearest voxel.
-/// Beyond its edge an image goes on as it is there: around a cloud is clear sky, and that is
-/// no darker where a frame ends.
+/// Each image is resampled once, bilinearly, onto the plane of the target. For a plane at another
+/// altitude, the result is shifted by the parallax of that plane, rounded to whole voxels. Beyond
+/// its edge, an image is continued with its edge values, because the clear sky around a cloud does
+/// not become darker at the edge of a frame.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Planes {
-    /// The altitudes of the planes (km). Channel `plane * views + view` of the first layer
-    /// is the image of `view` on that plane.
+    /// Altitudes of the planes (km). Channel `plane * views + view` of the first layer is the image
+    /// of `view` on that plane.
     pub altitudes_km: Vec<f64>,
 }
 
-/// The largest parallax between a plane and the target (voxels): a field of it would be as
-/// wide as any that fits into memory.
+/// The largest parallax between a plane and the target (voxels), comparable to the width of the
+/// largest fields that fit into memory.
 const MAX_PARALLAX: f64 = 4096.0;
 
 impl WeightsMetadata {
@@ -41,7 +41,7 @@ impl WeightsMetadata {
         self.view_geometry.view_zenith_deg.len()
     }
 
-    /// Number of channels that the images become.
+    /// Number of input channels of the first layer.
     pub fn input_channels(&self) -> usize {
         match &self.image_layout {
             ImageLayout::Camera => self.views(),
@@ -49,10 +49,10 @@ impl WeightsMetadata {
         }
     }
 
-    /// What a view shows on its pixel of the target's plane `[row, col]` (voxels) off the one
-    /// where it shows what is at `altitude_km`: how far a cloud at that altitude seems to be
-    /// off to the north and to the east. Half a voxel is rounded down, so that the last bit
-    /// of a tangent decides nothing.
+    /// The parallax of `view` at `altitude_km`: the displacement `[row, col]` (voxels to the north
+    /// and to the east) with which an object at that altitude appears on the plane of the target.
+    /// Half a voxel is rounded down, so that the result does not depend on the last bit of a
+    /// tangent.
     pub(super) fn parallax(&self, view: usize, altitude_km: f64) -> [f64; 2] {
         let geometry = &self.view_geometry;
         let [dx, dy] = self.horizontal_spacing_km;
@@ -62,7 +62,7 @@ impl WeightsMetadata {
         [shift * cosine / dy, shift * sine / dx].map(|voxels| (voxels - 1e-6).round())
     }
 
-    /// An error unless planes have all that they need.
+    /// Returns an error unless the planes and the geometry allow the images to be resampled.
     pub(super) fn check_layout(&self) -> Result<()> {
         let ImageLayout::Planes(planes) = &self.image_layout else { return Ok(()) };
         if planes.altitudes_km.is_empty() {
@@ -71,8 +71,8 @@ impl WeightsMetadata {
         let (expected, found) = (self.views(), self.view_geometry.camera_distance_km.len());
         if expected != found {
             let what = "length of view_geometry.camera_distance_km";
-            let remedy = "give the distance of each camera, or null for parallel rays: images \
-                          cannot be laid on planes without";
+            let remedy = "give the distance of each camera, or null for parallel rays: it is \
+                          needed to resample the images onto planes";
             return Err(Error::mismatch(what, expected, found, remedy));
         }
         for &altitude in &planes.altitudes_km {
@@ -100,7 +100,7 @@ mod tests {
         metadata
     }
 
-    /// The layout of a file in JSON, as files of version 1 have it and as planes are told.
+    /// The layout in the JSON of a file: a string in files of version 1, an object for planes.
     #[test]
     fn layouts_are_a_word_or_an_object() {
         let read = |text: &str| serde_json::from_str::<ImageLayout>(text);
@@ -138,7 +138,7 @@ mod tests {
         metadata.image_layout = ImageLayout::Planes(Planes { altitudes_km: altitudes_km.into() });
     }
 
-    /// Half a voxel is rounded down, however its tangent was rounded.
+    /// Half a voxel is rounded down independently of rounding errors of the tangent.
     #[test]
     fn a_cloud_above_the_target_is_seen_away_from_the_camera() {
         let mut metadata = on_planes();

@@ -1,4 +1,5 @@
-//! What weights are for: the numbers that images must match to be used with them.
+//! Metadata of weights: the imaging conditions that images must match, and the origin of the
+//! weights.
 
 use super::{Architecture, ImageLayout};
 use crate::error::{Error, Result};
@@ -6,76 +7,77 @@ use crate::image::{ImagingGeometry, ViewGeometry};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
-/// The version of the metadata that this program writes. It reads this one and those before:
-/// version 1 had no planes and did not tell how far the cameras were; version 2 had no outputs
-/// but the extinction.
+/// The version of the metadata that this program writes. It also reads earlier versions: version 1
+/// had neither planes nor camera distances; version 2 had no outputs other than the extinction.
 pub const FORMAT_VERSION: u32 = 3;
 
-/// Largest difference of a view or of the Sun from what the weights are for (degrees).
+/// Largest accepted difference of a direction of view or of the Sun from that of the weights
+/// (degrees).
 const ANGLE_TOLERANCE_DEG: f64 = 0.1;
-/// Largest relative difference of the size of a pixel and of the wavelength.
+/// Largest accepted relative difference of the pixel size and of the wavelength.
 const RELATIVE_TOLERANCE: f64 = 0.01;
-/// Largest difference of the altitude looked at, in levels.
+/// Largest accepted difference of the altitude of the target, in levels.
 const LEVEL_TOLERANCE: f64 = 0.1;
-/// Largest relative difference of the distance of a camera. It bends the edges of a field of
-/// 6 km by a fiftieth of a pixel.
+/// Largest accepted relative difference of the distance of a camera. It displaces the edges of a
+/// field of 6 km by 1/50 of a pixel.
 const DISTANCE_TOLERANCE: f64 = 0.1;
 
-/// What the last layer may give, in this order, the first always.
+/// The possible outputs of the last layer, in this order; the first one is mandatory.
 const OUTPUTS: [NetworkOutput; 2] = [NetworkOutput::Extinction, NetworkOutput::Uncertainty];
 
-/// What weights are for, how they are used, and where they come from.
+/// Metadata of weights: the imaging conditions, the use of the network and the origin of the
+/// weights.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct WeightsMetadata {
-    /// [`FORMAT_VERSION`], or one before it.
+    /// [`FORMAT_VERSION`] or an earlier version.
     pub format_version: u32,
-    /// Name of the formation of satellites, such as `cloudct-10`.
+    /// Name of the satellite formation, such as `cloudct-10`.
     pub formation: String,
-    /// The layers.
+    /// The architecture of the network.
     pub architecture: Architecture,
-    /// Sun, views and size of the pixels.
+    /// Directions of the Sun and the views, and pixel sizes.
     pub view_geometry: ViewGeometry,
-    /// Altitude of the point that the middle of every image shows (km).
+    /// Altitude of the point at the centre of every image (km).
     pub target_altitude_km: f64,
     /// Wavelength of the images (um).
     pub wavelength_um: f64,
-    /// How the images become the channels of the first layer.
+    /// Arrangement of the images as input channels of the first layer.
     pub image_layout: ImageLayout,
     /// Voxel size along x and y (km); one pixel of the output is one column of voxels.
     pub horizontal_spacing_km: [f64; 2],
     /// The altitudes of the output.
     pub levels: Levels,
-    /// What the channels of the last layer are, each with one for every level.
+    /// The outputs of the last layer, each with one channel for every level.
     #[serde(default = "extinction_alone")]
     pub outputs: Vec<NetworkOutput>,
     /// Input of the network = radiance (1/sr) x `input_scale`.
     pub input_scale: f64,
-    /// What is told, in 1/km = output of the network x `output_scale`.
+    /// Outputs (1/km) = output of the network x `output_scale`.
     pub output_scale: f64,
-    /// What the weights were trained on.
+    /// The training data.
     pub training: Training,
-    /// The scores reached, by name; `epsilon` and `delta` on the validation set.
+    /// Scores by name; `epsilon` and `delta` on the validation set.
     pub scores: BTreeMap<String, f64>,
     /// Name and version of the program that wrote the file.
     pub program: String,
-    /// The resolved configuration of the training.
+    /// The complete configuration of the training.
     pub configuration: serde_json::Value,
 }
 
-/// What a network tells of each voxel.
+/// An output of the network for each voxel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 #[non_exhaustive]
 pub enum NetworkOutput {
-    /// Its extinction (1/km).
+    /// The extinction (1/km).
     Extinction,
-    /// The expected absolute error of its extinction (1/km).
+    /// The expected absolute error of the extinction (1/km).
     Uncertainty,
 }
 
 impl NetworkOutput {
-    /// Its name in a file.
+    /// The name of the output in a file.
     pub fn name(self) -> &'static str {
         match self {
             Self::Extinction => "extinction",
@@ -101,26 +103,26 @@ pub struct Levels {
     pub spacing_km: f64,
 }
 
-/// What weights were trained on.
+/// The training data of weights.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Training {
     /// Name of the data set.
     pub data: String,
-    /// What identifies the data set's content: the SHA-256 of its manifest.
+    /// The SHA-256 of the manifest of the data set, which identifies its content.
     pub identity: String,
-    /// Number of samples trained on.
+    /// Number of training samples.
     pub samples: u64,
-    /// Seed of the training's random numbers.
+    /// Seed of the random numbers of the training.
     pub seed: u64,
 }
 
 impl WeightsMetadata {
-    /// An error unless the numbers are in range and fit each other.
+    /// Returns an error unless the values are in range and consistent with each other.
     ///
     /// # Errors
-    /// Another format version, an angle, scale or spacing out of its range, or lists
-    /// whose lengths are not the number of views.
+    /// An unknown format version; an angle, scale or spacing out of range; a list whose length
+    /// differs from the number of views; numbers of channels or outputs that are inconsistent.
     pub fn check(&self) -> Result<()> {
         if !(1..=FORMAT_VERSION).contains(&self.format_version) {
             return Err(Error::mismatch(
@@ -208,14 +210,15 @@ impl WeightsMetadata {
         Ok(())
     }
 
-    /// An error unless images that were taken like this are what the weights are for.
+    /// Returns an error unless the weights are valid for images taken under these conditions.
     ///
-    /// Angles may differ by 0.1 degrees, an azimuth by what moves the line of sight as
-    /// much; the size of pixels and the wavelength by 1 %; the altitude looked at by a
-    /// tenth of a level; the distance of a camera, where the weights tell it, by 10 %.
+    /// Zenith angles may differ by 0.1 degrees, and azimuths by as much as displaces the line of
+    /// sight by 0.1 degrees; pixel sizes and the wavelength by 1 %; the altitude of the target by a
+    /// tenth of a level; the distance of a camera, if the weights specify it, by 10 %.
     ///
     /// # Errors
-    /// Names the first number that differs, what it should be and what it is.
+    /// An [`Error::Mismatch`] with the first quantity that differs, its expected and its actual
+    /// value.
     pub fn check_images(&self, taken: &ImagingGeometry) -> Result<()> {
         let ImagingGeometry { views: geometry, target_km: [.., altitude], wavelength_um } = taken;
         let ours = &self.view_geometry;
@@ -248,7 +251,7 @@ impl WeightsMetadata {
         Ok(())
     }
 
-    /// Compare the distances of cameras, where the weights tell any.
+    /// Compares the distances of the cameras, if the weights specify them.
     fn check_cameras(&self, theirs: &[Option<f64>]) -> Result<()> {
         for (view, &ours) in self.view_geometry.camera_distance_km.iter().enumerate() {
             let theirs = theirs.get(view).copied().flatten();
@@ -266,13 +269,13 @@ impl WeightsMetadata {
         Ok(())
     }
 
-    /// Compare a zenith and azimuth (degrees).
+    /// Compares a zenith angle and an azimuth (degrees).
     fn check_direction(&self, whose: &str, ours: (f64, f64), theirs: (f64, f64)) -> Result<()> {
         let deg = |value: f64| format!("{value:.2} degrees");
         if !within(ours.0 - theirs.0, ANGLE_TOLERANCE_DEG) {
             return Err(self.differs(format!("{whose} zenith"), deg(ours.0), deg(theirs.0)));
         }
-        // Near the zenith a large turn in azimuth is a small turn of the line of sight.
+        // Near the zenith, a large change of azimuth is a small change of the line of sight.
         let turn = (theirs.1 - ours.1 + 180.0).rem_euclid(360.0) - 180.0;
         if !within(turn * ours.0.to_radians().sin(), ANGLE_TOLERANCE_DEG) {
             return Err(self.differs(format!("{whose} azimuth"), deg(ours.1), deg(theirs.1)));
@@ -290,7 +293,7 @@ impl WeightsMetadata {
     }
 }
 
-/// Whether a difference is small; one that is not a number is not.
+/// Whether a difference is within a tolerance; false for NaN.
 fn within(difference: f64, tolerance: f64) -> bool {
     difference.abs() <= tolerance
 }
@@ -304,7 +307,7 @@ mod tests {
     use super::*;
     use crate::network::fixture::metadata;
 
-    /// Images of a geometry that look at a point at an altitude (km), at a wavelength (um).
+    /// The imaging geometry of views with a target at an altitude (km), at a wavelength (um).
     fn taken(views: &ViewGeometry, altitude: f64, wavelength_um: f64) -> ImagingGeometry {
         ImagingGeometry { views: views.clone(), target_km: [0.0, 0.0, altitude], wavelength_um }
     }
@@ -348,7 +351,7 @@ mod tests {
     fn azimuths_are_compared_around_the_circle_and_by_what_they_move() {
         let metadata = metadata(&[3, 4]);
         let mut turned = metadata.view_geometry.clone();
-        // View 0 looks straight down: its azimuth is free.
+        // View 0 looks straight down: its azimuth is arbitrary.
         turned.view_azimuth_deg[0] = 200.0;
         turned.view_azimuth_deg[1] += 360.0;
         turned.sun_azimuth_deg -= 360.0;

@@ -1,9 +1,9 @@
-//! The network: layers of 3x3 convolutions that turn a stack of images into an extinction
-//! field, one channel per level (Sde-Chen et al. 2021).
+//! The network: a chain of 3x3 convolutions that computes an extinction field from a stack of
+//! images, with one output channel per level (Sde-Chen et al. 2021).
 //!
-//! The images enter as the cameras took them, one channel per view, or the network lays them
-//! on horizontal planes first, so that one pixel of every channel is one column of voxels
-//! ([`ImageLayout`]).
+//! The images are either used as the cameras recorded them, one channel per view, or the network
+//! first resamples them onto horizontal planes, so that one pixel of every channel corresponds to
+//! one column of voxels ([`ImageLayout`]).
 
 mod architecture;
 mod batch_norm;

@@ -1,4 +1,4 @@
-//! Images laid on horizontal planes, row by row as the first layer reads them.
+//! Resampling of the images onto horizontal planes, row by row as the first layer reads them.
 
 use super::{ImageLayout, WeightsMetadata};
 use crate::conv::{Source, SourceRow};
@@ -6,33 +6,34 @@ use crate::error::{Error, Result};
 use crate::math::{DVec3, towards};
 use rayon::prelude::*;
 
-/// Fewest pixels that are worth a thread's while.
+/// Smallest number of pixels for which a parallel task is worthwhile.
 const PIXELS_PER_TASK: usize = 4096;
 
-/// Lays the images of a formation on planes.
+/// Resamples the images of a formation onto horizontal planes.
 #[derive(Debug, Clone)]
 pub(super) struct PlaneResampler {
     views: Vec<View>,
     /// Voxel size along y and x (km).
     spacing: [f64; 2],
     scale: f32,
-    /// Voxels that the ground of a view has before and beyond the field, along y and x: as
-    /// far as any plane of any view is off.
+    /// Number of voxels by which the resampled image of a view (its ground) extends beyond the
+    /// field on each side, along y and x: the largest parallax of any plane in any view.
     margin: [usize; 2],
 }
 
-/// One view: where a point of the target's plane is in its image, and how far off its planes
-/// are.
+/// One view: the projection from the plane of the target to its image, and the offsets of its
+/// planes.
 #[derive(Debug, Clone)]
 struct View {
     camera: Camera,
-    /// By plane, `[row, col]` (voxels), from the first row and column of the margin.
+    /// The offset of each plane, `[row, col]` (voxels), from the first row and column of the
+    /// margin.
     offsets: Vec<[usize; 2]>,
 }
 
-/// From a point of the target's plane, `(x, y)` (km) from the target, to pixels from the
-/// middle of the image: the projection of a camera,
-/// `row = row · (x, y) / (1 - depth · (x, y))`, and likewise the column.
+/// The projection of a camera, from a point `(x, y)` (km) on the plane of the target, relative to
+/// the target, to pixels relative to the centre of the image. The row is
+/// `row · (x, y) / (1 - depth · (x, y))`, and the column is found correspondingly.
 #[derive(Debug, Clone, Copy)]
 struct Camera {
     row: [f64; 2],
@@ -41,7 +42,7 @@ struct Camera {
 }
 
 impl Camera {
-    /// The camera in a direction, at a distance (km) or with parallel rays.
+    /// Creates the camera in the direction `towards`, at a distance (km) or with parallel rays.
     fn new(towards: DVec3, pixel: f64, distance: Option<f64>) -> Self {
         let Some(distance) = distance else {
             return Self { row: [0.0, 1.0 / pixel], col: [1.0 / pixel, 0.0], depth: [0.0, 0.0] };
@@ -55,18 +56,19 @@ impl Camera {
         }
     }
 
-    /// Row and column, from the middle of the image.
+    /// Row and column, relative to the centre of the image.
     #[inline]
     fn project(&self, x: f64, y: f64) -> [f64; 2] {
         let along = |axis: [f64; 2]| axis[0] * x + axis[1] * y;
-        // Nothing is behind the camera: a field that wide has no sense, but must end.
+        // No point should be behind the camera. The limit keeps the result finite for extremely
+        // wide fields.
         let scale = 1.0 / (1.0 - along(self.depth)).max(1e-3);
         [along(self.row) * scale, along(self.col) * scale]
     }
 }
 
 impl PlaneResampler {
-    /// The lift that the metadata ask for, if any.
+    /// The resampler for the planes of the metadata, if there are any.
     pub(super) fn new(metadata: &WeightsMetadata) -> Option<Self> {
         let ImageLayout::Planes(planes) = &metadata.image_layout else { return None };
         let altitudes = &planes.altitudes_km;
@@ -98,15 +100,15 @@ impl PlaneResampler {
         })
     }
 
-    /// Rows and columns of the ground of a view of `[rows, cols]`.
+    /// Rows and columns of the ground of an image of `[rows, cols]`.
     fn ground_size(&self, size: [usize; 2]) -> [usize; 2] {
         [0, 1].map(|axis| size[axis] + 2 * self.margin[axis])
     }
 
-    /// Floats of the ground of as many images of a size, `[image, row, col]`.
+    /// Number of floats of the ground for images of the size `[image, row, col]`.
     ///
     /// # Errors
-    /// More than any memory can hold.
+    /// A size that exceeds the addressable memory.
     pub(super) fn ground_len(&self, [count, rows, cols]: [usize; 3]) -> Result<usize> {
         let [long, wide] = self.ground_size([rows, cols]);
         let product = [count, self.views.len(), long]
@@ -118,8 +120,8 @@ impl PlaneResampler {
         })
     }
 
-    /// Lay `images`, `[image, view, row, col]`, on the plane of the target:
-    /// `[image, view, row, col]` with the margins, times the scale.
+    /// Resamples `images`, `[image, view, row, col]`, onto the plane of the target. The result has
+    /// the axes `[image, view, row, col]`, includes the margins and is multiplied by the scale.
     pub(super) fn resample(&self, images: &[f32], [rows, cols]: [usize; 2], ground: &mut [f32]) {
         let [long, wide] = self.ground_size([rows, cols]);
         let fewest = PIXELS_PER_TASK.div_ceil(wide);
@@ -127,7 +129,7 @@ impl PlaneResampler {
             |(index, line)| {
                 let (image, row) = (index / long, index % long);
                 let view = &self.views[image % self.views.len()];
-                // Most views have planes less far off than the farthest.
+                // In most views, the parallax of all planes is smaller than the margin.
                 if view.sees(row, rows) {
                     let image = Raster { values: &images[image * rows * cols..], rows, cols };
                     self.lay_row(&view.camera, image, row, line);
@@ -148,14 +150,14 @@ impl PlaneResampler {
         }
     }
 
-    /// What the first layer reads of images that lie on the ground.
+    /// The input of the first layer from the images on the ground.
     pub(super) fn source<'a>(&'a self, ground: &'a [f32], size: [usize; 2]) -> PlaneSource<'a> {
         PlaneSource { resampler: self, ground, size: self.ground_size(size) }
     }
 }
 
 impl View {
-    /// Whether any plane reads that row of the ground of an image of `rows`.
+    /// Whether any plane reads this row of the ground of an image with `rows` rows.
     fn sees(&self, row: usize, rows: usize) -> bool {
         self.offsets.iter().any(|&[first, _]| (first..first + rows).contains(&row))
     }
@@ -170,8 +172,8 @@ struct Raster<'a> {
 }
 
 impl Raster<'_> {
-    /// Bilinear interpolation between the middles of pixels, which are whole numbers; beyond
-    /// the outermost it goes on as it is there.
+    /// Bilinear interpolation between pixel centres, which are at integer positions; beyond the
+    /// outermost centres, the edge values continue.
     #[inline]
     fn at(&self, row: f64, col: f64) -> f32 {
         let (row, down) = split(row, self.rows);
@@ -187,7 +189,8 @@ impl Raster<'_> {
     }
 }
 
-/// The pixel at or before a position among `lines`, and how far it is to the next.
+/// The index of the pixel at or before a position among `lines` pixels, and the distance of the
+/// position from it.
 #[inline]
 fn split(position: f64, lines: usize) -> (usize, f32) {
     let position = position.clamp(0.0, (lines - 1) as f64);
@@ -195,7 +198,7 @@ fn split(position: f64, lines: usize) -> (usize, f32) {
     (whole, (position - whole as f64) as f32)
 }
 
-/// Images on all planes: views of the ground.
+/// The images on all planes, read from the ground.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct PlaneSource<'a> {
     resampler: &'a PlaneResampler,
@@ -228,7 +231,7 @@ mod tests {
     const SIZE: [usize; 2] = [20, 24];
     const ALTITUDES_KM: [f64; 3] = [0.7, 1.0, 1.43];
 
-    /// Cameras along a track and to all sides of it, and one at infinity.
+    /// Cameras along a track and on all sides of it, and one with parallel rays.
     fn views() -> Vec<crate::scene::View> {
         let target = DVec3::new(0.0, 0.0, 1.0);
         let mut views = Formation::cloudct_10().views(target, SIZE).unwrap();
@@ -241,7 +244,7 @@ mod tests {
         views
     }
 
-    /// Metadata of weights for those views.
+    /// Metadata of weights for these views.
     fn metadata() -> WeightsMetadata {
         let views = views();
         let channels = [views.len() * ALTITUDES_KM.len(), 5, 4];
@@ -273,8 +276,8 @@ mod tests {
         values
     }
 
-    /// On images that tell their own rows or columns: each voxel reads where the cameras of
-    /// a scene see it, to half a voxel of parallax.
+    /// With images whose pixels hold their own row or column, each voxel reads the position at
+    /// which the cameras of a scene observe it, to within half a voxel of parallax.
     #[test]
     fn a_voxel_reads_the_pixel_that_shows_it() {
         let (metadata, views) = (metadata(), views());
@@ -332,7 +335,7 @@ mod tests {
         }
     }
 
-    /// The same bits from any number of threads, of one cloud and of several.
+    /// The result is bitwise identical for any number of threads, and for one cloud and several.
     #[test]
     fn threads_and_batches_change_no_bit() {
         let metadata = metadata();

@@ -1,34 +1,34 @@
-//! Weights as data.
+//! Network weights as arrays.
 
 use super::WeightsMetadata;
 use crate::error::{Error, Result};
 use ndarray::{Array1, Array4};
 
-/// The numbers of one convolution, its batch norm folded in.
+/// The weights of one convolution, with its batch norm folded.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LayerWeights {
     /// The kernels, `[output channel, input channel, 3, 3]`; the last two axes are row
     /// and column, and the sum is a correlation as in PyTorch.
     pub weight: Array4<f32>,
-    /// What is added, by output channel.
+    /// The bias of each output channel.
     pub bias: Array1<f32>,
 }
 
-/// The weights of a network and what they are for.
+/// The weights of a network and their metadata.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Weights {
-    /// What the weights are for.
+    /// The metadata of the weights.
     pub metadata: WeightsMetadata,
-    /// The layers, first to last.
+    /// The layers, from first to last.
     pub layers: Vec<LayerWeights>,
 }
 
 impl Weights {
-    /// Weights whose metadata and layers fit each other.
+    /// Creates weights and checks that metadata and layers are consistent.
     ///
     /// # Errors
-    /// As [`WeightsMetadata::check`]; another number of layers than the architecture's,
-    /// a layer of another shape, or a value that is not finite.
+    /// The errors of [`WeightsMetadata::check`]; a number of layers or a shape of a layer that
+    /// differs from the architecture, or a value that is not finite.
     pub fn new(metadata: WeightsMetadata, layers: Vec<LayerWeights>) -> Result<Self> {
         metadata.check()?;
         let remedy = "export the weights again";

@@ -1,33 +1,33 @@
-//! Air: scattering by molecules in a standard atmosphere.
+//! The molecular atmosphere: Rayleigh scattering in a standard atmosphere.
 //!
 //! The cross-section is that of Bodhaine, Wood, Dutton and Slusser (1999), "On Rayleigh
 //! optical depth calculations", with its refractive index (Peck and Reeder 1972) and
-//! depolarisation (Bates 1984); the density by altitude that of the U.S. Standard
-//! Atmosphere 1976 (NOAA, NASA and USAF 1976).
+//! depolarisation (Bates 1984). The density profile is that of the U.S. Standard Atmosphere 1976
+//! (NOAA, NASA and USAF 1976).
 
 use super::PhaseFunction;
 use crate::error::{Error, Result};
 use std::f64::consts::PI;
 
-/// Carbon dioxide in air by volume (Bodhaine et al. 1999).
+/// Volume mixing ratio of carbon dioxide (Bodhaine et al. 1999).
 const CARBON_DIOXIDE: f64 = 360e-6;
-/// Molecules of air per cm3 at 288.15 K and 1013.25 hPa.
+/// Molecular number density (per cm3) at 288.15 K and 1013.25 hPa.
 const STANDARD_NUMBER: f64 = 2.546_899e19;
 /// Temperature and pressure at the surface of the standard atmosphere (K, hPa).
 const SURFACE_TEMPERATURE: f64 = 288.15;
 const SURFACE_PRESSURE: f64 = 1013.25;
-/// Weight of a mole of air and standard gravity over the gas constant (K/km).
+/// Molar mass of air times standard gravity over the gas constant (K/km).
 const HYDROSTATIC: f64 = 34.163_195;
-/// The Earth's radius of the standard atmosphere (km).
+/// The Earth's radius in the standard atmosphere (km).
 const EARTH_RADIUS: f64 = 6356.766;
-/// Above this altitude (km) air is left out: 4e-6 of it.
+/// Altitude (km) above which the atmosphere, a fraction of 4e-6, is neglected.
 const TOP: f64 = 86.0;
-/// Geopotential altitude (km) at which a layer begins, and how temperature changes in it
+/// Geopotential altitude (km) of the base of each layer and its vertical temperature gradient
 /// (K/km).
 const LAYERS: [(f64, f64); 7] =
     [(0.0, -6.5), (11.0, 0.0), (20.0, 1.0), (32.0, 2.8), (47.0, 0.0), (51.0, -2.8), (71.0, -2.0)];
 
-/// Air at one wavelength: it scatters and does not absorb.
+/// The molecular atmosphere at one wavelength, which scatters and does not absorb.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Air {
     cross_section: f64,
@@ -35,16 +35,16 @@ pub struct Air {
 }
 
 impl Air {
-    /// Air at a wavelength (um).
+    /// The molecular atmosphere at a wavelength (um).
     ///
     /// # Errors
-    /// A wavelength outside 0.2 to 4 um.
+    /// Returns an error if the wavelength is outside 0.2 to 4 um.
     pub fn new(wavelength: f64) -> Result<Self> {
         if !(0.2..=4.0).contains(&wavelength) {
             return Err(Error::out_of_range("wavelength", wavelength, "from 0.2 to 4 um"));
         }
         let king = king_factor(wavelength);
-        // With the depolarisation d, F = (6 + 3 d) / (6 - 7 d).
+        // The King factor is F = (6 + 3 d) / (6 - 7 d) with the depolarisation factor d.
         let depolarisation = 6.0 * (king - 1.0) / (3.0 + 7.0 * king);
         Ok(Self { cross_section: cross_section(wavelength), depolarisation })
     }
@@ -54,17 +54,17 @@ impl Air {
         self.cross_section
     }
 
-    /// Extinction (1/km) at an altitude above sea level (km); none above 86 km.
+    /// Extinction (1/km) at an altitude above sea level (km); zero above 86 km.
     pub fn extinction(&self, altitude: f64) -> f64 {
-        /// cm in a km.
+        /// Centimetres per kilometre.
         const CM: f64 = 1e5;
         self.cross_section * number_density(altitude) * CM
     }
 
     /// Optical depth between two altitudes (km).
     pub fn optical_depth(&self, lower: f64, upper: f64) -> f64 {
-        // Gauss-Legendre with three points on pieces far thinner than the scale height
-        // of some 7 km, none of which crosses from one layer into the next.
+        // Three-point Gauss-Legendre quadrature on intervals that are much thinner than the scale
+        // height of about 7 km and do not cross the boundary between two layers.
         let reach = 0.5 * 0.6_f64.sqrt();
         let bottom = lower.min(TOP);
         let top = upper.min(TOP);
@@ -84,14 +84,13 @@ impl Air {
         sum
     }
 
-    /// Where air scatters light: Rayleigh's phase function with the depolarisation of
-    /// its molecules.
+    /// The Rayleigh phase function with the depolarisation factor of air.
     pub fn phase_function(&self) -> PhaseFunction {
         PhaseFunction::Rayleigh { depolarisation: self.depolarisation }
     }
 }
 
-/// Bodhaine et al. (1999), equation 2 (cm2).
+/// The scattering cross-section (cm2): Bodhaine et al. (1999), equation 2.
 fn cross_section(wavelength: f64) -> f64 {
     let square = refractive_index(wavelength).powi(2);
     let lorentz = (square - 1.0) / (square + 2.0);
@@ -108,8 +107,8 @@ fn refractive_index(wavelength: f64) -> f64 {
     1.0 + 1e-8 * at_300_ppm * (1.0 + 0.54 * (CARBON_DIOXIDE - 300e-6))
 }
 
-/// What the shape of molecules adds to the cross-section: Bodhaine et al. (1999),
-/// equations 5, 6 and 23, by volume per cent of nitrogen, oxygen, argon and carbon
+/// The King factor, which accounts for the anisotropy of the molecules: Bodhaine et al. (1999),
+/// equations 5, 6 and 23, weighted by the volume percentages of nitrogen, oxygen, argon and carbon
 /// dioxide.
 fn king_factor(wavelength: f64) -> f64 {
     let inverse = wavelength.powi(-2);
@@ -120,7 +119,8 @@ fn king_factor(wavelength: f64) -> f64 {
         / (78.084 + 20.946 + 0.934 + carbon_dioxide)
 }
 
-/// Molecules per cm3 at an altitude (km). The lowest layer goes on below sea level.
+/// Molecular number density (per cm3) at an altitude (km). The lowest layer is extrapolated below
+/// sea level.
 fn number_density(altitude: f64) -> f64 {
     if altitude > TOP {
         return 0.0;
@@ -144,7 +144,7 @@ fn number_density(altitude: f64) -> f64 {
     STANDARD_NUMBER * (pressure / SURFACE_PRESSURE) * (SURFACE_TEMPERATURE / temperature)
 }
 
-/// The altitude (km) of a geopotential altitude (km).
+/// The geometric altitude (km) that corresponds to a geopotential altitude (km).
 fn geometric(geopotential: f64) -> f64 {
     EARTH_RADIUS * geopotential / (EARTH_RADIUS - geopotential)
 }
@@ -153,8 +153,8 @@ fn geometric(geopotential: f64) -> f64 {
 mod tests {
     use super::*;
 
-    /// Bodhaine et al. (1999), equation 29: their fit to their own cross-sections, good
-    /// to 0.01 % from 0.25 to 0.85 um.
+    /// The reference is equation 29 of Bodhaine et al. (1999), a fit to their cross-sections that
+    /// is accurate to 0.01 % from 0.25 to 0.85 um.
     #[test]
     fn cross_sections_follow_the_published_fit() {
         for step in 0..=12 {
@@ -167,8 +167,8 @@ mod tests {
         }
     }
 
-    /// Bodhaine et al. (1999), equation 30: at sea level and 45 degrees north under
-    /// 1013.25 hPa, with a gravity of their own standard profile of air.
+    /// The reference is equation 30 of Bodhaine et al. (1999) for sea level, 45 degrees north and
+    /// 1013.25 hPa, with the gravity of their own standard atmospheric profile.
     #[test]
     fn the_whole_atmosphere_has_the_published_optical_depth() {
         for wavelength in [0.3, 0.412, 0.55, 0.672, 0.85] {
@@ -180,8 +180,8 @@ mod tests {
         }
     }
 
-    /// U.S. Standard Atmosphere 1976, table 1: pressure over that of the surface times
-    /// 288.15 K over temperature, that is density over that of the surface.
+    /// The reference is table 1 of the U.S. Standard Atmosphere 1976: the ratio of the pressure to
+    /// the surface pressure times 288.15 K over temperature, that is the ratio of the densities.
     #[test]
     fn density_is_that_of_the_standard_atmosphere() {
         for (altitude, ratio) in [
@@ -219,7 +219,7 @@ mod tests {
         else {
             panic!("air scatters as molecules do");
         };
-        // Young (1980): 0.0279 in the visible.
+        // Young (1980) gives 0.0279 in the visible.
         assert!((depolarisation - 0.0279).abs() < 1e-3, "{depolarisation}");
         assert!(Air::new(0.1).is_err() && Air::new(f64::NAN).is_err());
     }

@@ -1,30 +1,31 @@
-//! Droplets in the light of a band of wavelengths.
+//! Optics of droplets averaged over a spectral band.
 
 use super::population::{cosines, default_radii};
 use super::{DropletOptics, DropletSettings, DropletTable, PhaseFunction};
 use crate::error::{Error, Result};
 
-/// Wavelengths of a band.
+/// Number of wavelengths in a band.
 const WAVELENGTHS: usize = 8;
-/// Temperature of the Sun as a black body (K), which the weights of wavelengths are taken
-/// from, and Planck's constant times the speed of light over Boltzmann's (um K).
+/// Black-body temperature of the Sun (K), which determines the spectral weights, and Planck's
+/// constant times the speed of light over Boltzmann's constant (um K).
 const SUN_TEMPERATURE: f64 = 5772.0;
 const SECOND_RADIATION: f64 = 14_387.77;
 
 impl DropletTable {
-    /// The table of droplets with effective radii from 1 to 25 um in sunlight between the
-    /// settings' wavelength minus and plus half a `width` (um), in which all wavelengths are
-    /// seen alike: means weighted by Planck's law for the Sun, of the extinction, and by what
-    /// each wavelength has of it, of albedo and phase function. A width of 0 is the one
+    /// The table of droplets with effective radii from 1 to 25 um, averaged over a band of the
+    /// given `width` (um) that is centred on the settings' wavelength and has a uniform spectral
+    /// response. The extinction is weighted by the solar spectrum (Planck's law), the
+    /// single-scattering albedo by the solar spectrum times the extinction, and the phase function
+    /// by the solar spectrum times the scattering coefficient. A width of 0 denotes a single
     /// wavelength.
     ///
     /// # Errors
-    /// A negative width, or a setting or wavelength out of range.
+    /// Returns an error if the width is negative, or if a setting or a wavelength is out of range.
     pub fn of_band(settings: &DropletSettings, width: f64) -> Result<Self> {
         Self::of_radii(settings, width, &default_radii())
     }
 
-    /// As [`DropletTable::of_band`], for the given effective radii (um), which ascend.
+    /// As [`DropletTable::of_band`], for the given ascending effective radii (um).
     ///
     /// # Errors
     /// As [`DropletTable::of_band`].
@@ -49,7 +50,7 @@ impl DropletTable {
     }
 }
 
-/// Droplets of one effective radius in the light of some wavelengths.
+/// Spectrally weighted sums of the optics of droplets of one effective radius.
 #[derive(Debug, Default)]
 struct Sum {
     effective_radius: f64,
@@ -84,7 +85,7 @@ impl Sum {
     }
 }
 
-/// Planck's law for the Sun's temperature, by wavelength (um), up to a constant.
+/// Planck's law for the temperature of the Sun as a function of wavelength (um), up to a constant.
 fn sunlight(wavelength: f64) -> f64 {
     wavelength.powi(-5) / (SECOND_RADIATION / (wavelength * SUN_TEMPERATURE)).exp_m1()
 }
@@ -93,20 +94,20 @@ fn sunlight(wavelength: f64) -> f64 {
 mod tests {
     use super::*;
 
-    /// The maximum of Planck's law is at 2897.77 um K over the temperature (Wien).
+    /// The maximum of Planck's law is at 2897.77 um K divided by the temperature (Wien's law).
     #[test]
     fn the_sun_shines_most_in_the_green() {
         let peak = 2897.77 / SUN_TEMPERATURE;
         assert!(sunlight(peak) > sunlight(0.99 * peak) && sunlight(peak) > sunlight(1.01 * peak));
-        // Planck's law at twice the wavelength of the maximum: 0.2998 of that.
+        // Planck's law at twice the wavelength of the maximum, relative to the maximum.
         let ratio = sunlight(2.0 * peak) / sunlight(peak);
         let x = 4.965_114;
         let exact = (f64::exp(x) - 1.0) / ((f64::exp(0.5 * x) - 1.0) * 32.0);
         assert!((ratio - exact).abs() < 1e-5, "{ratio} {exact}");
     }
 
-    /// A narrow band is its wavelength; a band lies between its ends, and evens out the
-    /// ripples of the cloudbow.
+    /// A narrow band reproduces the single wavelength; the extinction of a wide band lies between
+    /// those of its outermost wavelengths.
     #[test]
     fn a_band_is_the_mean_of_its_wavelengths() {
         let at = |wavelength, width| {

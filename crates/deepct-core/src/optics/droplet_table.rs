@@ -1,41 +1,40 @@
-//! The optics of droplets by their effective radius.
+//! The optics of droplets as a function of effective radius.
 
 use super::scattering::check_albedo;
 use super::{Collision, PhaseFunction};
 use crate::error::{Error, Result};
 
-/// The optics of a population of droplets at one wavelength: a node of a
-/// [`DropletTable`].
+/// The optics of a droplet population at one wavelength: a node of a [`DropletTable`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct DropletOptics {
     /// Effective radius (um).
     pub effective_radius: f64,
-    /// Extinction by liquid water content (1/km per g/m3).
+    /// Extinction per liquid water content (1/km per g/m3).
     pub extinction_per_water: f64,
-    /// Probability that a collision scatters and does not absorb.
+    /// Single-scattering albedo (dimensionless).
     pub single_scattering_albedo: f64,
-    /// Where scattered light goes.
+    /// Phase function.
     pub phase_function: PhaseFunction,
 }
 
-/// The optics of droplets at one wavelength and effective variance, by effective
+/// The optics of droplets at one wavelength and effective variance as a function of effective
 /// radius.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DropletTable {
     nodes: Vec<DropletOptics>,
 }
 
-/// Droplets of an effective radius between two nodes of a [`DropletTable`]: those of
-/// the node `first` and those of the one after it.
+/// Droplets with an effective radius between two nodes of a [`DropletTable`]: a mixture of those
+/// of the node `first` and of the next node.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Mixture {
-    /// The node with the smaller radius.
+    /// Index of the node with the smaller radius.
     pub first: usize,
-    /// The share of the scattered light that is due to the second node's droplets.
+    /// The fraction of the scattered light that is due to the droplets of the second node.
     pub share: f64,
-    /// Extinction by liquid water content (1/km per g/m3).
+    /// Extinction per liquid water content (1/km per g/m3).
     pub extinction_per_water: f64,
-    /// Probability that a collision scatters and does not absorb.
+    /// Single-scattering albedo (dimensionless).
     pub single_scattering_albedo: f64,
 }
 
@@ -43,8 +42,8 @@ impl DropletTable {
     /// A table of nodes.
     ///
     /// # Errors
-    /// No node, radii that do not ascend or are not positive, an extinction that is not
-    /// positive, an albedo outside `[0, 1]`.
+    /// Returns an error if there is no node, if the radii do not ascend or are not positive, if an
+    /// extinction is not positive, or if a single-scattering albedo is outside `[0, 1]`.
     pub fn new(nodes: Vec<DropletOptics>) -> Result<Self> {
         let positive = |value: f64| value.is_finite() && value > 0.0;
         for node in &nodes {
@@ -53,7 +52,7 @@ impl DropletTable {
                 let range = "positive (1/km per g/m3)";
                 let value = node.extinction_per_water;
                 return Err(Error::out_of_range(
-                    "extinction by liquid water content",
+                    "extinction per liquid water content",
                     value,
                     range,
                 ));
@@ -70,17 +69,17 @@ impl DropletTable {
         Ok(Self { nodes })
     }
 
-    /// The nodes, by ascending effective radius.
+    /// The nodes in order of ascending effective radius.
     pub fn nodes(&self) -> &[DropletOptics] {
         &self.nodes
     }
 
-    /// The droplets of an effective radius (um) as a mixture of those of the two nodes
-    /// next to it; those of the first or last node beyond the table.
+    /// Droplets of an effective radius (um) as a mixture of those of the two adjacent nodes, or
+    /// those of the first or last node if the radius is beyond the table.
     ///
-    /// The two share the water so that the mixture has the wanted effective radius. As
-    /// that is three times volume over surface, its inverse is linear in the share of
-    /// the water, and so is extinction.
+    /// The liquid water is divided between the two nodes such that the mixture has the given
+    /// effective radius. Because the effective radius is three times the volume over the surface
+    /// area, its inverse is linear in the fraction of the water, and so is the extinction.
     #[inline]
     pub fn mixture(&self, effective_radius: f64) -> Mixture {
         let above = self.nodes.partition_point(|node| node.effective_radius <= effective_radius);
@@ -102,7 +101,7 @@ impl DropletTable {
         }
     }
 
-    /// What a collision with a droplet of a mixture does.
+    /// The scattering properties of a mixture.
     #[inline]
     pub fn collision(&self, mixture: &Mixture) -> Collision<'_> {
         let second = self.second(mixture.first);
@@ -114,7 +113,7 @@ impl DropletTable {
         }
     }
 
-    /// The node above one, or itself where it is the last.
+    /// The index of the next node, or of the same node if it is the last.
     pub(super) fn second(&self, first: usize) -> usize {
         (first + 1).min(self.nodes.len() - 1)
     }
@@ -144,8 +143,8 @@ mod tests {
         .unwrap()
     }
 
-    /// Two populations counted by hand: 1 g/m3 of water, of which `s` is in droplets of
-    /// 10 um and the rest in droplets of 5 um. Volume is water, surface 3 volume / reff.
+    /// Two populations computed by hand: of 1 g/m3 of water, the fraction `share` is in droplets of
+    /// 10 um and the rest in droplets of 5 um. The surface area is 3 volume / reff.
     #[test]
     fn a_mixture_is_two_populations_of_droplets() {
         let share = 0.3;
@@ -178,7 +177,7 @@ mod tests {
         let collision = table.collision(&Mixture { share: 0.25, ..table.mixture(15.0) });
         let [a, b] = [1, 2].map(|node| table.nodes()[node].phase_function.density(0.9));
         assert!((collision.density(0.9) - (0.75 * a + 0.25 * b)).abs() < 1e-12);
-        // Half of the second function's share is below its median, and so on.
+        // Half of the share of each phase function is mapped to below its median.
         let [a, b] = [1, 2].map(|node| table.nodes()[node].phase_function.sample(0.5));
         assert!((collision.sample(0.125) - b).abs() < 1e-12);
         assert!((collision.sample(0.625) - a).abs() < 1e-12);

@@ -2,14 +2,15 @@
 //! "Absorption and Scattering of Light by Small Particles", chapter 4, with the number of
 //! terms of Wiscombe (1980), "Improved Mie scattering algorithms".
 //!
-//! Written here and not taken from a library: one sphere is a page of code, and a table
-//! over droplet sizes is fast because all spheres share one grid of angles.
+//! The calculation is implemented here instead of taken from a library because the code for one
+//! sphere is short, and a table over droplet sizes is fast when all spheres share one grid of
+//! angles.
 
 use crate::math::with_vectors;
 use num_complex::Complex64;
 use pulp::{Simd, WithSimd};
 
-/// The coefficients of a sphere's scattered wave.
+/// The expansion coefficients of the wave scattered by a sphere.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Sphere {
     size_parameter: f64,
@@ -17,33 +18,35 @@ pub struct Sphere {
     coefficients: Vec<[Complex64; 2]>,
 }
 
-/// What a sphere takes out of a beam, over its geometric cross-section.
+/// Efficiencies (cross-sections over the geometric cross-section) and asymmetry parameter of a
+/// sphere.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Efficiencies {
-    /// Of extinction.
+    /// Extinction efficiency.
     pub extinction: f64,
-    /// Of scattering.
+    /// Scattering efficiency.
     pub scattering: f64,
-    /// Mean cosine of the scattering angle.
+    /// Asymmetry parameter, the mean cosine of the scattering angle.
     pub asymmetry: f64,
 }
 
 impl Sphere {
-    /// The sphere of a size parameter (circumference over wavelength, positive) and a
-    /// refractive index `n + i k` relative to what is around it.
+    /// The sphere with a positive size parameter (circumference over wavelength) and a refractive
+    /// index `n + i k` relative to the surrounding medium.
     pub fn new(size_parameter: f64, refractive_index: Complex64) -> Self {
         let x = size_parameter;
         let terms = terms(x);
         let z = refractive_index * x;
-        // The logarithmic derivative of psi_n(m x), downward: upward is unstable. It
-        // starts from zero, which is forgotten a few cube roots of |m x| above |m x|.
+        // The logarithmic derivative of psi_n(m x) by downward recurrence, because the upward
+        // recurrence is unstable. The effect of the starting value zero vanishes if the recurrence
+        // starts a few cube roots of |m x| above |m x|.
         let start = terms.max((z.norm() + 8.0 * z.norm().cbrt()) as usize) + 16;
         let mut derivative = vec![Complex64::ZERO; start + 1];
         for n in (1..=start).rev() {
             let ratio = n as f64 / z;
             derivative[n - 1] = ratio - (derivative[n] + ratio).inv();
         }
-        // Riccati-Bessel functions psi and chi of x, upward.
+        // The Riccati-Bessel functions psi and chi of x by upward recurrence.
         let (mut psi_before, mut psi) = (x.sin(), x.sin() / x - x.cos());
         let (mut chi_before, mut chi) = (x.cos(), x.cos() / x + x.sin());
         let coefficients = (1..=terms).map(|n| {
@@ -62,8 +65,8 @@ impl Sphere {
         Self { size_parameter, coefficients: coefficients.collect() }
     }
 
-    /// Efficiencies and mean cosine: Bohren and Huffman (1983), equations 4.61, 4.62 and
-    /// that of section 4.5.
+    /// The efficiencies and the asymmetry parameter: Bohren and Huffman (1983), equations 4.61 and
+    /// 4.62 and the equation of section 4.5.
     pub fn efficiencies(&self) -> Efficiencies {
         let (mut extinction, mut scattering, mut forward) = (0.0, 0.0, 0.0);
         for (number, [a, b]) in self.coefficients.iter().enumerate() {
@@ -84,9 +87,9 @@ impl Sphere {
         }
     }
 
-    /// The intensity `(|S1|^2 + |S2|^2) / 2` of unpolarised light scattered to angles of
-    /// the given cosines, and to those of the opposite cosines (Bohren and Huffman 1983,
-    /// equations 4.74 and 4.77): over `pi x^2 Q_sca` it is the phase function.
+    /// The intensity `(|S1|^2 + |S2|^2) / 2` of scattered unpolarised light at the given cosines
+    /// of the scattering angle and at the opposite cosines (Bohren and Huffman 1983, equations
+    /// 4.74 and 4.77). Divided by `pi x^2 Q_sca` it is the phase function.
     pub fn intensities(&self, cosines: &[f64]) -> [Vec<f64>; 2] {
         let terms = self.coefficients.iter().enumerate().map(|(number, [a, b])| {
             let n = (number + 1) as f64;
@@ -97,9 +100,9 @@ impl Sphere {
     }
 }
 
-/// Cross-sections of extinction and scattering over the geometric one, of spheres of
-/// [`LANES`] size parameters at once. They must be alike: the series of all has the length
-/// that the largest one needs, which is beyond what smaller spheres' terms can be computed to.
+/// The extinction and scattering efficiencies of spheres of [`LANES`] size parameters. The size
+/// parameters must be similar, because all series have the length required by the largest one and
+/// the terms of much smaller spheres cannot be computed to that order.
 pub(super) fn efficiencies_of(
     size_parameters: [f64; LANES],
     refractive_index: Complex64,
@@ -107,7 +110,7 @@ pub(super) fn efficiencies_of(
     with_vectors(Batch { size_parameters, refractive_index })
 }
 
-/// Number of terms of the series: Wiscombe (1980), equation 9.
+/// The number of terms of the series: Wiscombe (1980), equation 9.
 fn terms(x: f64) -> usize {
     let terms = if x < 8.0 {
         x + 4.0 * x.cbrt() + 1.0
@@ -119,15 +122,15 @@ fn terms(x: f64) -> usize {
     terms.ceil() as usize
 }
 
-/// Spheres of a [`Batch`].
+/// Number of spheres of a [`Batch`].
 pub(super) const LANES: usize = 8;
 
 /// A value for each sphere of a batch.
 type Values = [f64; LANES];
 
-/// The spheres of [`efficiencies_of`]. [`Sphere::new`] in loops over spheres, which the
-/// compiler makes vectors of: their recurrences are long chains of divisions, each of which
-/// would wait for the one before.
+/// The spheres of [`efficiencies_of`]. The calculation is that of [`Sphere::new`] with inner loops
+/// over the spheres, which the compiler vectorises. The recurrences of a single sphere are long
+/// chains of divisions in which each depends on the previous one.
 struct Batch {
     size_parameters: Values,
     refractive_index: Complex64,
@@ -144,7 +147,7 @@ impl WithSimd for Batch {
         let terms = terms(largest);
         let size = m.norm() * largest;
         let start = terms.max((size + 8.0 * size.cbrt()) as usize) + 16;
-        // n / z = n w, of which w = 1 / (m x).
+        // n / z = n w with w = 1 / (m x).
         let inverse = m.inv();
         let w: [Values; 2] = [x.map(|x| inverse.re / x), x.map(|x| inverse.im / x)];
         let mut derivatives = vec![[[0.0; LANES]; 2]; terms + 1];
@@ -175,7 +178,7 @@ impl WithSimd for Batch {
             for i in 0..LANES {
                 let over = 1.0 / x[i];
                 let [re, im] = [derivative[0][i], derivative[1][i]];
-                // Logarithmic derivatives over and times the index, for a and for b.
+                // The logarithmic derivative divided by the index (for a) and times it (for b).
                 let electric = [
                     re * inverse.re - im * inverse.im + n * over,
                     re * inverse.im + im * inverse.re,
@@ -202,16 +205,16 @@ impl WithSimd for Batch {
     }
 }
 
-/// A term of the series of S1 + S2 and S1 - S2, of which the one is the other at the opposite
-/// cosine but for signs: the angular functions pi and tau are even or odd.
+/// A term of the series of S1 + S2 and S1 - S2. Because the angular functions pi and tau are even
+/// or odd, either series at the opposite cosine equals the other one apart from signs.
 struct Term {
-    /// n; (2 n + 1) / n and (n + 1) / n, by which pi goes on.
+    /// n, and the factors (2 n + 1) / n and (n + 1) / n of the recurrence of pi.
     n: f64,
     up: f64,
     down: f64,
-    /// What multiplies pi + tau: real and imaginary part at the cosine, at its opposite.
+    /// Factors of pi + tau: real and imaginary part at the cosine and at its opposite.
     plus: [f64; 4],
-    /// What multiplies pi - tau.
+    /// Factors of pi - tau, in the same order.
     minus: [f64; 4],
 }
 
@@ -251,10 +254,10 @@ impl WithSimd for Series<'_> {
         let (opposite, _) = S::as_mut_simd_f64s(opposite);
         for ((cosine, at), opposite) in vectors.iter().zip(at).zip(opposite) {
             let (mut pi, mut pi_before) = (simd.splat_f64s(1.0), zero);
-            // S1 + S2, its part with pi - tau at the opposite cosine, and so on.
+            // The sums of the terms with pi + tau and of those with pi - tau.
             let (mut plus, mut minus) = ([zero; 4], [zero; 4]);
             for term in &self.terms {
-                // Bohren and Huffman (1983), equation 4.47; tau over n.
+                // Bohren and Huffman (1983), equation 4.47, with tau divided by n.
                 let before = simd.mul_f64s(simd.splat_f64s(term.down), pi_before);
                 let tau = simd.mul_add_e_f64s(*cosine, pi, simd.neg_f64s(before));
                 let sum = simd.mul_add_e_f64s(simd.splat_f64s(term.n), tau, pi);
@@ -296,9 +299,9 @@ mod tests {
         (found - expected).abs() <= tolerance * expected.abs()
     }
 
-    /// Wiscombe (1979), "Mie scattering calculations", tables of test cases, and Bohren
-    /// and Huffman (1983), appendix A (0.525 um at 0.6328 um, m = 1.55): Q_ext, Q_sca, g, to
-    /// the digits that they print.
+    /// Q_ext, Q_sca and g to the printed digits: Wiscombe (1979), "Mie scattering calculations",
+    /// tables of test cases, and Bohren and Huffman (1983), appendix A (radius 0.525 um at a
+    /// wavelength of 0.6328 um, m = 1.55).
     #[test]
     fn efficiencies_are_the_published_ones() {
         let bohren_huffman = 2.0 * PI * 0.525 / 0.6328;
@@ -318,9 +321,9 @@ mod tests {
         }
     }
 
-    /// `miepython.efficiencies_mx(1.331-2.13e-8j, 93.5)` and `miepython.S1_S2` at 0, 30,
-    /// 90, 142 and 180 degrees, miepython 3.3.0 (its amplitudes are normalised so that
-    /// their mean square over the sphere is the albedo over 4 pi).
+    /// The reference is `miepython.efficiencies_mx(1.331-2.13e-8j, 93.5)` and `miepython.S1_S2` at
+    /// 0, 30, 90, 142 and 180 degrees (miepython 3.3.0, whose amplitudes are normalised such that
+    /// their mean square over the sphere is the single-scattering albedo over 4 pi).
     #[test]
     fn a_droplet_is_that_of_miepython() {
         let sphere = Sphere::new(93.5, Complex64::new(1.331, 2.13e-8));
@@ -343,8 +346,8 @@ mod tests {
         }
     }
 
-    /// The optical theorem: extinction is in the forward amplitude, and what is
-    /// scattered to all sides is the scattering cross-section.
+    /// The intensity integrated over all directions is the scattering cross-section, and its mean
+    /// cosine is the asymmetry parameter.
     #[test]
     fn intensities_add_up_to_the_scattering_cross_section() {
         let sphere = Sphere::new(25.0, Complex64::new(1.33, 1e-3));
@@ -362,8 +365,8 @@ mod tests {
         assert!(found.scattering < found.extinction);
     }
 
-    /// A batch against one sphere after another, the light at opposite cosines against that at
-    /// the cosines themselves.
+    /// Compares a batch with single spheres, and the intensities at opposite cosines with those
+    /// computed at these cosines directly.
     #[test]
     fn many_spheres_are_each_one() {
         let index = Complex64::new(1.331, 1e-4);

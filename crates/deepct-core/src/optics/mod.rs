@@ -1,8 +1,8 @@
-//! Optics: what a cloud does to light, voxel by voxel.
+//! Optics: the optical properties of a cloud in each voxel.
 //!
-//! [`Medium`] is what the transport room sees: extinction by voxel, and what a
-//! collision does ([`Scattering`]): single-scattering albedo and phase function, the
-//! same everywhere or by the size of each voxel's droplets ([`DropletTable`]).
+//! A [`Medium`] is the input of radiative transfer: the extinction of each voxel and its
+//! [`Scattering`] properties. Single-scattering albedo and phase function are uniform or depend
+//! on the effective radius of each voxel ([`DropletTable`]).
 
 pub mod air;
 mod band;
@@ -27,38 +27,39 @@ use crate::grid::Volume;
 use ndarray::Array3;
 use std::sync::Arc;
 
-/// The asymmetry parameter of water clouds at visible wavelengths: Mie theory gives
-/// 0.861 for an effective radius of 10 um at 672 nm.
+/// Asymmetry parameter of water clouds at visible wavelengths. Mie theory gives 0.861 for an
+/// effective radius of 10 um at 672 nm.
 pub const CLOUD_ASYMMETRY: f64 = 0.86;
 
-/// How extinction varies between the values of a grid.
+/// Interpolation of extinction between the values of a grid.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[non_exhaustive]
 pub enum Interpolation {
     /// Constant in each voxel.
     #[default]
     Constant,
-    /// Trilinear between voxel centres; outside the outermost centres the medium is
-    /// empty, as in codes that keep their values at grid nodes.
+    /// Trilinear between voxel centres. Outside the outermost centres the medium is empty, as in
+    /// models that define extinction at grid nodes.
     Trilinear,
 }
 
 /// A scattering medium on a grid.
 #[derive(Debug, Clone)]
 pub struct Medium {
-    /// Extinction coefficient (1/km).
+    /// Extinction (1/km).
     pub extinction: Volume,
-    /// How extinction varies between voxel centres.
+    /// Interpolation of the extinction between voxel centres.
     pub interpolation: Interpolation,
-    /// What a collision does.
+    /// Single-scattering albedo and phase function.
     pub scattering: Scattering,
 }
 
 impl Medium {
-    /// A medium with voxels of constant extinction that scatters alike everywhere.
+    /// A medium with constant extinction in each voxel and uniform scattering properties.
     ///
     /// # Errors
-    /// A negative or non-finite extinction; an albedo outside `[0, 1]`.
+    /// Returns an error if an extinction is negative or not finite, or if the single-scattering
+    /// albedo is outside `[0, 1]`.
     pub fn new(
         extinction: Volume,
         single_scattering_albedo: f64,
@@ -72,13 +73,14 @@ impl Medium {
         })
     }
 
-    /// The same medium with another interpolation.
+    /// The same medium with the given interpolation.
     pub fn with_interpolation(self, interpolation: Interpolation) -> Self {
         Self { interpolation, ..self }
     }
 
-    /// The medium that a cloud is in visible light when all droplets scatter alike:
-    /// nothing absorbed, the forward peak of droplets of about 10 um.
+    /// The medium of a cloud in visible light with uniform scattering properties: a
+    /// single-scattering albedo of 1 and a Henyey-Greenstein phase function with the asymmetry
+    /// parameter [`CLOUD_ASYMMETRY`].
     ///
     /// # Errors
     /// As [`extinction`].
@@ -86,25 +88,26 @@ impl Medium {
         Self::new(extinction(cloud)?, 1.0, PhaseFunction::henyey_greenstein(CLOUD_ASYMMETRY)?)
     }
 
-    /// The medium of a cloud's droplets: each voxel scatters as droplets of its own
-    /// effective radius do. Extinction is that of the droplets, unless the cloud was given
-    /// with one.
+    /// The medium of a cloud in which the scattering properties of each voxel follow from its
+    /// effective radius. The extinction is that of the droplets, unless the cloud has its own.
     ///
-    /// Droplets smaller than the first of the table count as those: there is next to no
-    /// water in them.
+    /// Droplets smaller than the first node of the table are treated as that node, because they
+    /// hold almost no water.
     ///
     /// # Errors
-    /// A cloud without droplets; water in droplets larger than the last of the table.
+    /// Returns an error if the cloud has no droplets, or if a voxel with water has an effective
+    /// radius beyond the last node of the table.
     pub fn from_droplets(cloud: &Cloud, table: Arc<DropletTable>) -> Result<Self> {
         let extinction = droplet_extinction(cloud, &table)?;
         Self::of_droplets(extinction, microphysics(cloud)?.effective_radius.clone(), table)
     }
 
-    /// A medium of the given extinction, made of droplets of the given effective radii (um).
+    /// A medium with the given extinction (1/km) and effective radius (um, `[z, y, x]`).
     ///
     /// # Errors
-    /// A negative or non-finite extinction; radii on another grid, or beyond the last of the
-    /// table where there is extinction.
+    /// Returns an error if an extinction is negative or not finite, if the effective radii do not
+    /// have the shape of the grid, or if the effective radius of a voxel with extinction is beyond
+    /// the last node of the table.
     pub fn of_droplets(
         extinction: Volume,
         effective_radius: Array3<f32>,
@@ -121,10 +124,10 @@ impl Medium {
     }
 }
 
-/// An error unless the table reaches to the radius of each voxel that holds something.
+/// Returns an error unless the table covers the radius of each voxel with a positive amount.
 fn check_radii(radii: &Array3<f32>, amounts: &Array3<f32>, table: &DropletTable) -> Result<()> {
     let largest = table.nodes()[table.nodes().len() - 1].effective_radius;
-    // A radius of single precision may be the last of the table.
+    // The last radius of the table must pass when it is stored in single precision.
     let beyond = |radius: f32| f64::from(radius) > largest * (1.0 + 1e-6);
     match radii.indexed_iter().find(|(voxel, r)| beyond(**r) && amounts[*voxel] > 0.0) {
         None => Ok(()),
@@ -136,8 +139,8 @@ fn check_radii(radii: &Array3<f32>, amounts: &Array3<f32>, table: &DropletTable)
     }
 }
 
-/// Extinction (1/km) of a cloud at the wavelength of a table: the one it was given, or
-/// that of its water in droplets of each voxel's effective radius.
+/// Extinction (1/km) of a cloud at the wavelength of a table: the prescribed one if the cloud has
+/// it, otherwise that of its liquid water content at the effective radius of each voxel.
 ///
 /// # Errors
 /// As [`Medium::from_droplets`].
@@ -163,18 +166,18 @@ fn microphysics(cloud: &Cloud) -> Result<&Microphysics> {
     cloud.microphysics.as_ref().ok_or_else(|| {
         Error::out_of_range(
             "cloud",
-            "known by its extinction alone",
-            "known by its liquid water and effective radius, or be given one radius for all",
+            "given by its extinction only",
+            "given by its liquid water content and effective radius, or have one prescribed radius",
         )
     })
 }
 
-/// Extinction (1/km) of a cloud: the one it was given, or the large-droplet limit
-/// `beta = 3 Q LWC / (4 rho_w reff)` with the extinction efficiency Q = 2 (Stephens
-/// 1978), that is 1500 LWC / reff with LWC in g/m3 and reff in um.
+/// Extinction (1/km) of a cloud: the prescribed one if the cloud has it, otherwise the
+/// large-droplet limit `beta = 3 Q LWC / (4 rho_w reff)` with the extinction efficiency Q = 2
+/// (Stephens 1978), that is 1500 LWC / reff with LWC in g/m3 and reff in um.
 ///
 /// # Errors
-/// When the cloud has neither extinction nor droplets.
+/// Returns an error if the cloud has neither extinction nor droplets.
 pub fn extinction(cloud: &Cloud) -> Result<Volume> {
     if let Some(values) = &cloud.extinction {
         return Volume::new(cloud.grid, values.clone());
@@ -183,7 +186,7 @@ pub fn extinction(cloud: &Cloud) -> Result<Volume> {
         return Err(Error::out_of_range(
             "cloud",
             "empty",
-            "known by its extinction or by its liquid water and effective radius",
+            "given by its extinction or by its liquid water content and effective radius",
         ));
     };
     let values = ndarray::Zip::from(&droplets.liquid_water_content)
@@ -199,7 +202,7 @@ mod tests {
     use crate::math::DVec3;
     use ndarray::Array3;
 
-    /// Two voxels: one of water in droplets, one of nothing.
+    /// Two voxels, one with droplets and one without.
     fn cloud(water: f32, radius: f32) -> Cloud {
         let grid = Grid::new(DVec3::ZERO, DVec3::ONE, [1, 1, 2]).unwrap();
         let at = |value| Array3::from_shape_vec((1, 1, 2), vec![value, 0.0]).unwrap();
@@ -223,7 +226,8 @@ mod tests {
         let table =
             Arc::new(DropletTable::mie(&DropletSettings::water(0.672), &[9.0, 11.0]).unwrap());
         let medium = Medium::from_droplets(&cloud(0.3, 10.0), table.clone()).unwrap();
-        // The efficiency of droplets of 10 um is 2.104, not 2 (and 2.103 as a mixture).
+        // The extinction efficiency for an effective radius of 10 um is 2.104 instead of 2, and
+        // 2.103 as a mixture of two nodes.
         let found = f64::from(medium.extinction.values[[0, 0, 0]]);
         assert!((found / 45.0 - 2.104 / 2.0).abs() < 2e-3, "{found}");
         assert_eq!(medium.extinction.values[[0, 0, 1]], 0.0);

@@ -1,11 +1,11 @@
-//! Phase functions as series of Legendre polynomials.
+//! Legendre moments of phase functions.
 
 use super::PhaseFunction;
 use std::f64::consts::PI;
 
-/// Pieces of the range of cosines for functions without a closed form.
+/// Number of intervals of the cosine for functions without a closed form.
 const PIECES: usize = 4000;
-/// Cosines that are worked on side by side.
+/// Number of cosines that are processed together.
 const TOGETHER: usize = 16;
 
 impl PhaseFunction {
@@ -21,12 +21,13 @@ impl PhaseFunction {
         }
     }
 
-    /// The moments by Gauss-Legendre quadrature with two points on pieces that lie closest
-    /// at the forward peak.
+    /// The moments by two-point Gauss-Legendre quadrature on intervals that are narrowest at the
+    /// forward peak.
     fn integrated_moments(&self, count: usize) -> Vec<f64> {
         let mut moments = vec![0.0; count];
         let edge = |piece: usize| (PI * (piece as f64 / PIECES as f64).powi(2)).cos();
-        // So many cosines at a time: one recurrence alone waits for its own last step.
+        // Several cosines are processed together, because each step of a single recurrence depends
+        // on the previous one.
         for first in (0..PIECES).step_by(TOGETHER / 2) {
             let (mut cosines, mut weights) = ([0.0; TOGETHER], [0.0; TOGETHER]);
             for n in 0..TOGETHER {
@@ -50,7 +51,7 @@ impl PhaseFunction {
                 *moment += sum;
             }
         }
-        // The rounding of the quadrature must not make or lose light.
+        // Normalised, so that quadrature errors do not violate energy conservation.
         let all = moments.first().copied().unwrap_or(1.0);
         moments.iter_mut().for_each(|moment| *moment /= all);
         moments
@@ -61,8 +62,8 @@ impl PhaseFunction {
 mod tests {
     use super::*;
 
-    /// Those of a table of Henyey and Greenstein's function are the powers of its
-    /// asymmetry; Rayleigh's function is `1 + P_2 / 2` for round molecules.
+    /// The moments of a tabulated Henyey-Greenstein function are the powers of its asymmetry
+    /// parameter; the Rayleigh function is `1 + P_2 / 2` for isotropic molecules.
     #[test]
     fn moments_are_the_known_ones() {
         let greenstein = PhaseFunction::henyey_greenstein(0.85).unwrap();

@@ -1,36 +1,38 @@
-//! Phase functions: the probability density of a scattering angle.
+//! Phase functions: the probability density of the direction of scattering.
 //!
-//! Normalised so that the integral over the sphere is 1; the argument is the cosine
-//! between the directions of travel before and after, so forward is +1.
+//! Phase functions are normalised to an integral of 1 over the sphere. Their argument is the cosine
+//! of the angle between the directions of propagation before and after scattering, so the forward
+//! direction is +1.
 
 use crate::error::{Error, Result};
 use std::f64::consts::PI;
 use std::sync::Arc;
 
-/// The density of scattering into a direction (1/sr), and its sampler.
+/// A phase function (1/sr) that can be evaluated and sampled.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub enum PhaseFunction {
-    /// The same in every direction.
+    /// Isotropic scattering.
     Isotropic,
-    /// Henyey and Greenstein (1941), asymmetry parameter in (-1, 1).
+    /// Henyey and Greenstein (1941), with an asymmetry parameter in (-1, 1).
     HenyeyGreenstein {
-        /// Mean cosine of the scattering angle.
+        /// Asymmetry parameter, the mean cosine of the scattering angle.
         asymmetry: f64,
     },
-    /// Scattering by molecules (Chandrasekhar 1950, section 49): with the
-    /// depolarisation `d` of light scattered sideways and `a = (2 - 2 d) / (2 + d)`
-    /// it is `a 3 (1 + cos^2) / (16 pi) + (1 - a) / (4 pi)`.
+    /// Scattering by molecules (Chandrasekhar 1950, section 49):
+    /// `a 3 (1 + cos^2) / (16 pi) + (1 - a) / (4 pi)` with `a = (2 - 2 d) / (2 + d)`, where `d` is
+    /// the depolarisation factor of light scattered at a right angle.
     Rayleigh {
-        /// Depolarisation factor for natural light, in `[0, 1)`: 0 of round molecules,
-        /// 0.028 of air.
+        /// Depolarisation factor for unpolarised light, in `[0, 1)`: 0 for isotropic molecules,
+        /// 0.028 for air.
         depolarisation: f64,
     },
-    /// Given by its values, piecewise linear in the cosine.
+    /// Tabulated values, piecewise linear in the cosine.
     Tabulated(Arc<PhaseTable>),
 }
 
-/// A phase function by values at cosines, with its cumulative distribution.
+/// A phase function tabulated by the cosine of the scattering angle, with its cumulative
+/// distribution.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PhaseTable {
     cosines: Vec<f64>,
@@ -40,24 +42,24 @@ pub struct PhaseTable {
     by_cumulative: Guide,
 }
 
-/// Where in an ascending list to look for a value: its range is cut into buckets, each of
-/// which knows the entries in it (Chen and Asau 1974).
+/// A guide table that speeds up the search in an ascending list (Chen and Asau 1974): the range of
+/// values is divided into buckets, for each of which the indices of its entries are stored.
 #[derive(Debug, Clone, PartialEq)]
 struct Guide {
-    /// Number of entries before each bucket, and of all entries.
+    /// Number of entries before each bucket, followed by the number of all entries.
     starts: Vec<u32>,
 }
 
 impl Guide {
     const BUCKETS: usize = 1024;
 
-    /// The guide to `entries`. `bucket` must not fall where its argument rises.
+    /// The guide to `entries`. `bucket` must be a non-decreasing function.
     fn new(entries: &[f64], bucket: fn(f64) -> usize) -> Self {
         let before = |number| entries.partition_point(|entry| bucket(*entry) < number) as u32;
         Self { starts: (0..=Self::BUCKETS).map(before).collect() }
     }
 
-    /// The last entry that is not above `value`, but not the last of all.
+    /// The index of the last entry that is not above `value`, at most that of the last but one.
     #[inline]
     fn find(&self, entries: &[f64], bucket: usize, value: f64) -> usize {
         let [low, high] = [bucket, bucket + 1].map(|number| self.starts[number] as usize);
@@ -71,8 +73,8 @@ impl Guide {
         ((position * Self::BUCKETS as f64) as usize).min(Self::BUCKETS - 1)
     }
 
-    /// The bucket of a cosine: narrow ones straight on and back, where tables have most
-    /// entries.
+    /// The bucket of a cosine. The buckets are narrow near the forward and backward directions,
+    /// where tables have most of their entries.
     #[inline]
     fn cosine_bucket(cosine: f64) -> usize {
         let root = (1.0 - cosine.abs()).max(0.0).sqrt();
@@ -84,7 +86,7 @@ impl PhaseFunction {
     /// A Henyey-Greenstein phase function.
     ///
     /// # Errors
-    /// An asymmetry parameter outside (-1, 1).
+    /// Returns an error if the asymmetry parameter is outside (-1, 1).
     pub fn henyey_greenstein(asymmetry: f64) -> Result<Self> {
         if asymmetry.is_nan() || asymmetry.abs() >= 1.0 {
             return Err(Error::out_of_range("asymmetry", asymmetry, "between -1 and 1"));
@@ -92,10 +94,10 @@ impl PhaseFunction {
         Ok(if asymmetry == 0.0 { Self::Isotropic } else { Self::HenyeyGreenstein { asymmetry } })
     }
 
-    /// Scattering by molecules of the given depolarisation factor.
+    /// The phase function of molecules with the given depolarisation factor.
     ///
     /// # Errors
-    /// A factor outside `[0, 1)`.
+    /// Returns an error if the factor is outside `[0, 1)`.
     pub fn rayleigh(depolarisation: f64) -> Result<Self> {
         if !(0.0..1.0).contains(&depolarisation) {
             return Err(Error::out_of_range("depolarisation", depolarisation, "in [0, 1)"));
@@ -103,17 +105,18 @@ impl PhaseFunction {
         Ok(Self::Rayleigh { depolarisation })
     }
 
-    /// A phase function from its values at ascending cosines from -1 to 1, in any
-    /// unit: the table is scaled so that it integrates to 1 over the sphere.
+    /// A phase function from its values at ascending cosines from -1 to 1, in arbitrary units: the
+    /// values are normalised to an integral of 1 over the sphere.
     ///
     /// # Errors
-    /// Fewer than two values, cosines that do not ascend from -1 to 1, a negative or
-    /// non-finite value, or a phase function that is zero everywhere.
+    /// Returns an error if there are fewer than two values, if the numbers of cosines and values
+    /// differ, if the cosines do not ascend from -1 to 1, if a value is negative or not finite, or
+    /// if all values are zero.
     pub fn tabulated(cosines: Vec<f64>, values: Vec<f64>) -> Result<Self> {
         PhaseTable::new(cosines, values).map(|table| Self::Tabulated(Arc::new(table)))
     }
 
-    /// The density at a scattering angle of the given cosine (1/sr).
+    /// The phase function (1/sr) at the given cosine of the scattering angle.
     #[inline]
     pub fn density(&self, cosine: f64) -> f64 {
         match self {
@@ -131,8 +134,8 @@ impl PhaseFunction {
         }
     }
 
-    /// The cosine of a scattering angle drawn with this density, from a number
-    /// uniform in `[0, 1)`, by inversion of the cumulative distribution.
+    /// Samples the cosine of the scattering angle from a number uniform in `[0, 1)` by inversion of
+    /// the cumulative distribution.
     #[inline]
     pub fn sample(&self, uniform: f64) -> f64 {
         match self {
@@ -142,8 +145,8 @@ impl PhaseFunction {
                 ((1.0 + g * g - s * s) / (2.0 * g)).clamp(-1.0, 1.0)
             }
             Self::Rayleigh { depolarisation } => {
-                // The lower part of the number chooses the dipole, the rest a
-                // direction; either is stretched to [0, 1) again.
+                // The number selects the dipole or the isotropic part and is then rescaled to
+                // [0, 1).
                 let dipole = dipole_share(*depolarisation);
                 if uniform >= dipole {
                     return 2.0 * (uniform - dipole) / (1.0 - dipole) - 1.0;
@@ -157,7 +160,7 @@ impl PhaseFunction {
         }
     }
 
-    /// The mean cosine of the scattering angle.
+    /// The asymmetry parameter, the mean cosine of the scattering angle.
     pub fn asymmetry(&self) -> f64 {
         match self {
             Self::Isotropic | Self::Rayleigh { .. } => 0.0,
@@ -167,7 +170,8 @@ impl PhaseFunction {
     }
 }
 
-/// The share of molecular scattering that is like a dipole's; the rest is isotropic.
+/// The fraction of molecular scattering with the phase function of a dipole; the remainder is
+/// isotropic.
 #[inline]
 fn dipole_share(depolarisation: f64) -> f64 {
     2.0 * (1.0 - depolarisation) / (2.0 + depolarisation)
@@ -219,8 +223,8 @@ impl PhaseTable {
     fn sample(&self, uniform: f64) -> f64 {
         let i = self.by_cumulative.find(&self.cumulative, Guide::bucket(uniform), uniform);
         let width = self.cosines[i + 1] - self.cosines[i];
-        // In the interval the density is p0 + slope x: its integral is a quadratic
-        // in x, and this form of the root is stable for any slope.
+        // The density in the interval is p0 + slope x, so its integral is quadratic in x. This form
+        // of the root is numerically stable for any slope.
         let rest = (uniform - self.cumulative[i]) / (2.0 * PI);
         let p0 = self.densities[i];
         let slope = (self.densities[i + 1] - p0) / width;
@@ -230,7 +234,7 @@ impl PhaseTable {
     }
 
     fn asymmetry(&self) -> f64 {
-        // The exact integral of a piecewise linear density times the cosine.
+        // The integral of a piecewise linear density times the cosine is exact.
         let pairs = self.cosines.windows(2).zip(self.densities.windows(2));
         let sum: f64 = pairs
             .map(|(c, p)| {
@@ -263,7 +267,7 @@ mod tests {
         ]
     }
 
-    /// Integral of `density * cosine^power` over the sphere by the midpoint rule.
+    /// The integral of `density * cosine^power` over the sphere by the midpoint rule.
     fn moment(phase: &PhaseFunction, power: i32) -> f64 {
         let n = 2_000_000;
         let width = 2.0 / f64::from(n);
@@ -281,8 +285,8 @@ mod tests {
         }
     }
 
-    /// Chi-square of 400,000 samples in 50 bins of equal width in the cosine. With 49
-    /// degrees of freedom 85.4 is exceeded once in a thousand.
+    /// Chi-square test of 400,000 samples in 50 bins of equal width in the cosine. With 49 degrees
+    /// of freedom, a chi-square of 85.4 is exceeded with a probability of 1 in 1000.
     #[test]
     fn samplers_follow_their_densities() {
         for (number, phase) in kinds().into_iter().enumerate() {

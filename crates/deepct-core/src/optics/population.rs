@@ -1,4 +1,4 @@
-//! The optics of populations of droplets: Mie scattering, averaged over their sizes.
+//! The optics of droplet populations: Mie scattering averaged over the size distribution.
 
 use super::mie::{self, Sphere};
 use super::water::water_refractive_index;
@@ -8,34 +8,34 @@ use num_complex::Complex64;
 use rayon::prelude::*;
 use std::f64::consts::PI;
 
-/// How the number of droplets depends on their radius.
+/// The shape of the droplet size distribution.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "lowercase")]
 #[non_exhaustive]
 pub enum SizeDistribution {
-    /// `r^((1 - 3 b) / b) exp(-r / (a b))` with effective radius a and variance b: Hansen
-    /// and Travis (1974), equation 2.56.
+    /// Gamma distribution `r^((1 - 3 b) / b) exp(-r / (a b))` with effective radius a and effective
+    /// variance b: Hansen and Travis (1974), equation 2.56.
     #[default]
     Gamma,
-    /// Normal in the logarithm of the radius: Hansen and Travis (1974), equation 2.60.
+    /// Lognormal distribution: Hansen and Travis (1974), equation 2.60.
     Lognormal,
 }
 
-/// Droplets of water in air at one wavelength: what a [`DropletTable`] is made for.
+/// Settings of a [`DropletTable`]: wavelength, refractive index and size distribution.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DropletSettings {
-    /// Wavelength (um), 0.2 to 2.4.
+    /// Wavelength (um), from 0.2 to 2.4.
     pub wavelength: f64,
-    /// Refractive index; that of water where it is `None`.
+    /// Refractive index; `None` for that of liquid water.
     pub refractive_index: Option<Complex64>,
-    /// How the number of droplets depends on their radius.
+    /// Shape of the droplet size distribution.
     pub distribution: SizeDistribution,
-    /// Effective variance, above 0 up to 0.4.
+    /// Effective variance (dimensionless), above 0 and at most 0.4.
     pub effective_variance: f64,
 }
 
 impl DropletSettings {
-    /// Water droplets of a gamma distribution with the effective variance 0.1.
+    /// Water droplets with a gamma distribution of effective variance 0.1 at a wavelength (um).
     pub fn water(wavelength: f64) -> Self {
         Self {
             wavelength,
@@ -46,20 +46,20 @@ impl DropletSettings {
     }
 }
 
-/// Step of the size parameter over the size parameter, for small droplets.
+/// Step of the size parameter relative to the size parameter, for small droplets.
 const RELATIVE_STEP: f64 = 0.001;
-/// Step of the size parameter for large droplets: a fraction of the period at which the
-/// intensity at an angle goes up and down with the size.
+/// Step of the size parameter for large droplets: a fraction of the period with which the intensity
+/// at a fixed angle oscillates with size.
 const LARGEST_STEP: f64 = 0.3;
-/// Cross-sections are averaged over this many sizes in each step: they have resonances
-/// far narrower than it.
+/// Number of sizes in each step over which cross-sections are averaged, because they have
+/// resonances that are much narrower than the step.
 const SIZES_IN_STEP: usize = mie::LANES;
-/// Droplets that add less than this to the forward peak, relative to those that add
-/// most, are left out.
+/// Droplets whose contribution to the forward peak is below this fraction of the largest one are
+/// neglected.
 const NEGLIGIBLE: f64 = 1e-6;
 
 impl SizeDistribution {
-    /// The logarithm of the number density at a radius, up to a constant.
+    /// The logarithm of the number density at a radius (um), up to a constant.
     fn log_density(self, radius: f64, effective_radius: f64, effective_variance: f64) -> f64 {
         let (a, b) = (effective_radius, effective_variance);
         match self {
@@ -73,8 +73,8 @@ impl SizeDistribution {
         }
     }
 
-    /// The radii between which there are droplets that matter to the forward peak, which
-    /// weighs them by the fourth power of the radius.
+    /// The range of radii (um) that contribute to the forward peak, in which droplets are weighted
+    /// by the fourth power of the radius.
     fn range(self, effective_radius: f64, effective_variance: f64) -> [f64; 2] {
         let weight = |radius: f64| {
             self.log_density(radius, effective_radius, effective_variance) + 4.0 * radius.ln()
@@ -89,11 +89,11 @@ impl SizeDistribution {
 }
 
 impl DropletTable {
-    /// The table of water droplets at a wavelength (um) with the effective variance 0.1,
-    /// for effective radii from 1 to 25 um.
+    /// The table of water droplets at a wavelength (um) with effective radii from 1 to 25 um and an
+    /// effective variance of 0.1.
     ///
     /// # Errors
-    /// A wavelength outside 0.2 to 2.4 um.
+    /// Returns an error if the wavelength is outside 0.2 to 2.4 um.
     pub fn water(wavelength: f64) -> Result<Self> {
         Self::of(&DropletSettings::water(wavelength))
     }
@@ -101,16 +101,16 @@ impl DropletTable {
     /// The table of droplets with effective radii from 1 to 25 um.
     ///
     /// # Errors
-    /// A setting out of range.
+    /// Returns an error if a setting is out of range.
     pub fn of(settings: &DropletSettings) -> Result<Self> {
         Self::mie(settings, &default_radii())
     }
 
-    /// The table of droplets with the given effective radii (um, ascending): one
-    /// calculation for spheres of all sizes serves all of them.
+    /// The table of droplets with the given ascending effective radii (um). The Mie calculation of
+    /// single spheres is shared by all effective radii.
     ///
     /// # Errors
-    /// A setting or a radius out of range.
+    /// Returns an error if a setting or a radius is out of range.
     pub fn mie(settings: &DropletSettings, effective_radii: &[f64]) -> Result<Self> {
         let variance = settings.effective_variance;
         if !(variance > 0.0 && variance <= 0.4) {
@@ -131,20 +131,20 @@ impl DropletTable {
     }
 }
 
-/// Effective radii from 1 to 25 um, a twelfth of their size apart.
+/// Effective radii (um) from 1 to 25 um, each about a twelfth larger than the previous one.
 pub(super) fn default_radii() -> Vec<f64> {
     let count = 40;
     (0..=count).map(|i| 25_f64.powf(f64::from(i) / f64::from(count))).collect()
 }
 
-/// Spheres of all sizes that some populations hold, and how they scatter.
+/// Mie scattering by spheres of all sizes that occur in a set of populations.
 struct Spheres {
     cosines: Vec<f64>,
-    /// Radius (um), and the radii that it stands for in an integral (um).
+    /// Radius and width of the interval that it represents in an integral (um).
     radii: Vec<[f64; 2]>,
-    /// By radius: cross-sections of extinction and of scattering (um2).
+    /// Extinction and scattering cross-sections (um2) for each radius.
     sections: Vec<[f64; 2]>,
-    /// By radius: scattering cross-section per solid angle (um2/sr) at each cosine.
+    /// Differential scattering cross-section (um2/sr) for each radius and cosine.
     intensities: Vec<Vec<f64>>,
 }
 
@@ -165,7 +165,7 @@ impl Spheres {
             x += step;
         }
         let cosines = cosines();
-        // The cosines are each other's opposites: those from 0 on serve all.
+        // The cosines are symmetric about 0, so only those from 0 on are needed.
         let forward = &cosines[cosines.len() / 2..];
         let scattered: Vec<_> = radii
             .par_iter()
@@ -195,7 +195,7 @@ impl Spheres {
         Self { cosines, radii, sections, intensities }
     }
 
-    /// The optics of the droplets of one effective radius.
+    /// The optics of droplets of one effective radius (um).
     fn population(
         &self,
         settings: &DropletSettings,
@@ -205,7 +205,7 @@ impl Spheres {
         let log_density =
             |radius: f64| settings.distribution.log_density(radius, effective_radius, variance);
         let [least, most] = settings.distribution.range(effective_radius, variance);
-        // Any constant will do; this one keeps the exponential in range.
+        // The normalisation is arbitrary; this one prevents overflow of the exponential.
         let reference = log_density(effective_radius);
         let (mut volume, mut extinction, mut scattering) = (0.0, 0.0, 0.0);
         let mut intensities = vec![0.0; self.cosines.len()];
@@ -224,7 +224,7 @@ impl Spheres {
         }
         Ok(DropletOptics {
             effective_radius,
-            // 1 g/m3 of water is 1e-6 of the volume; 1 per um is 1e9 per km.
+            // 1 g/m3 of water occupies 1e-6 of the volume, and 1 per um equals 1e9 per km.
             extinction_per_water: 1e3 * extinction / volume,
             single_scattering_albedo: (scattering / extinction).min(1.0),
             phase_function: PhaseFunction::tabulated(self.cosines.clone(), intensities)?,
@@ -232,8 +232,8 @@ impl Spheres {
     }
 }
 
-/// Cosines from -1 to 1 at which phase functions are tabulated: 0.02 degrees apart where
-/// droplets scatter forward and back, up to half a degree in between.
+/// Cosines from -1 to 1 at which phase functions are tabulated. The angles are 0.02 degrees apart
+/// near the forward and backward directions and up to half a degree apart in between.
 pub(super) fn cosines() -> Vec<f64> {
     let mut angles = vec![0.0_f64];
     let mut angle = 0.0_f64;
@@ -244,7 +244,7 @@ pub(super) fn cosines() -> Vec<f64> {
     let backward = angles.iter().map(|angle| -angle.to_radians().cos());
     let forward = angles.iter().rev().skip(1).map(|angle| angle.to_radians().cos());
     let mut cosines: Vec<f64> = backward.chain(forward).collect();
-    // The cosine of 90 degrees is not quite zero, and one of the two is not needed.
+    // The computed cosine of 90 degrees is not exactly zero.
     cosines[angles.len() - 1] = 0.0;
     cosines
 }
@@ -254,7 +254,7 @@ mod tests {
     use super::*;
     use crate::rng::{Purpose, RngExt, stream};
 
-    /// Moments of the distributions themselves, by a fine sum.
+    /// Computes the moments of the distributions by a sum with small steps.
     #[test]
     fn distributions_have_their_effective_radius_and_variance() {
         for distribution in [SizeDistribution::Gamma, SizeDistribution::Lognormal] {
@@ -274,10 +274,10 @@ mod tests {
         }
     }
 
-    /// Effective radius; extinction by water, single-scattering albedo, mean cosine and
-    /// 4 pi times the phase function forwards, by the crate scatrs 0.3.0
-    /// (`ensemble::compute_batch`, tolerance 1e-4, n = 1.331 + 2.13e-8 i, 0.672 um,
-    /// gamma distribution of effective variance 0.1).
+    /// Effective radius, extinction per liquid water content, single-scattering albedo, asymmetry
+    /// parameter and 4 pi times the phase function in the forward direction, computed with the
+    /// crate scatrs 0.3.0 (`ensemble::compute_batch`, tolerance 1e-4, n = 1.331 + 2.13e-8 i,
+    /// 0.672 um, gamma distribution of effective variance 0.1).
     const INDEPENDENT: [(f64, f64, f64, f64, f64); 3] = [
         (5.0, 324.89890, 0.99999798, 0.843766, 1288.79),
         (10.0, 157.72277, 0.99999615, 0.861148, 5012.86),
@@ -298,14 +298,15 @@ mod tests {
             assert!((phase.asymmetry() - asymmetry).abs() < 2e-4, "{expected:?}");
             assert!((4.0 * PI * phase.density(1.0) / forward - 1.0).abs() < 1e-3, "{expected:?}");
         }
-        // Light is bent most where the cloudbow is, near 142 degrees.
+        // The phase function is enhanced in the cloudbow, near 142 degrees.
         let phase = &table.nodes()[2].phase_function;
         let at = |angle: f64| phase.density(angle.to_radians().cos());
         assert!(at(142.0) > 2.0 * at(120.0) && at(142.0) > 1.5 * at(160.0));
     }
 
-    /// Chi-square of 400,000 samples in 60 bins of the angle that are narrow in the forward
-    /// peak. With 59 degrees of freedom 98.3 is exceeded once in a thousand.
+    /// Chi-square test of 400,000 samples in 60 bins of the scattering angle, which are narrow in
+    /// the forward peak. With 59 degrees of freedom, a chi-square of 98.3 is exceeded with a
+    /// probability of 1 in 1000.
     #[test]
     fn samples_of_a_real_peak_follow_its_density() {
         let table = DropletTable::mie(&DropletSettings::water(0.672), &[10.0]).unwrap();
@@ -320,7 +321,7 @@ mod tests {
             counts[bin.min(bins - 1)] += 1;
         }
         let mut total = 0.0;
-        // The innermost bins hold less than one sample: they are one.
+        // The innermost bins, in which less than one sample is expected, are merged.
         let first = 6;
         let expected = |from: f64, to: f64| -> f64 {
             let step = (to - from) / f64::from(parts);

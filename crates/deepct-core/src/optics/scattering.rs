@@ -1,58 +1,58 @@
-//! What a collision in a medium does to light.
+//! Scattering properties of a medium: single-scattering albedo and phase function.
 
 use super::{DropletTable, Mixture, PhaseFunction};
 use crate::error::{Error, Result};
 use ndarray::Array3;
 use std::sync::Arc;
 
-/// What a collision does, voxel by voxel: how likely it scatters, and whereto.
+/// Single-scattering albedo and phase function of each voxel.
 #[derive(Debug, Clone)]
 #[non_exhaustive]
 pub enum Scattering {
-    /// The same everywhere.
+    /// The same properties in all voxels.
     Uniform {
-        /// Probability that a collision scatters and does not absorb.
+        /// Single-scattering albedo, the probability that a collision is a scattering event.
         single_scattering_albedo: f64,
-        /// Where scattered light goes.
+        /// Phase function.
         phase_function: PhaseFunction,
     },
-    /// By the size of the droplets. Between two nodes of the table the droplets of a
-    /// voxel are a mixture of both, see [`DropletTable::mixture`].
+    /// Properties that depend on the effective radius of each voxel. Between two nodes of the table
+    /// the droplets are a mixture of those of both nodes, see [`DropletTable::mixture`].
     Droplets {
         /// Effective radius (um), array `[z, y, x]`.
         effective_radius: Array3<f32>,
-        /// Optics by effective radius.
+        /// Optical properties as a function of effective radius.
         table: Arc<DropletTable>,
     },
 }
 
-/// A collision in one voxel: it scatters with the probability `single_scattering_albedo`,
-/// after one of two phase functions.
+/// The scattering properties of one voxel: a single-scattering albedo and a weighted sum of two
+/// phase functions.
 #[derive(Debug, Clone, Copy)]
 pub struct Collision<'a> {
-    /// Probability that the collision scatters and does not absorb.
+    /// Single-scattering albedo, the probability that a collision is a scattering event.
     pub single_scattering_albedo: f64,
-    /// The two phase functions; the same one twice where the medium is uniform.
+    /// The two phase functions; in a uniform medium both are the same.
     pub phase_functions: [&'a PhaseFunction; 2],
-    /// The share of the scattered light that follows the second phase function.
+    /// The fraction of the scattered light that follows the second phase function.
     pub share: f64,
 }
 
 impl Scattering {
-    /// The same scattering everywhere.
+    /// Uniform scattering properties.
     ///
     /// # Errors
-    /// An albedo outside `[0, 1]`.
+    /// Returns an error if the single-scattering albedo is outside `[0, 1]`.
     pub fn uniform(single_scattering_albedo: f64, phase_function: PhaseFunction) -> Result<Self> {
         check_albedo(single_scattering_albedo)?;
         Ok(Self::Uniform { single_scattering_albedo, phase_function })
     }
 
-    /// What a collision in voxel `[k, j, i]` does. Scattering is constant in a voxel,
-    /// also where extinction is trilinear.
+    /// The scattering properties of voxel `[k, j, i]`. They are constant within a voxel even if the
+    /// extinction is interpolated.
     ///
     /// # Panics
-    /// When the voxel is outside the grid of the droplets.
+    /// Panics if the voxel is outside the grid of the droplets.
     #[inline]
     pub fn at(&self, voxel: [usize; 3]) -> Collision<'_> {
         match self {
@@ -67,7 +67,7 @@ impl Scattering {
         }
     }
 
-    /// The phase functions that the scattering of every voxel is a mixture of.
+    /// The phase functions of which those of all voxels are weighted sums.
     pub fn phase_functions(&self) -> Vec<&PhaseFunction> {
         match self {
             Self::Uniform { phase_function, .. } => vec![phase_function],
@@ -77,12 +77,12 @@ impl Scattering {
         }
     }
 
-    /// What a collision in voxel `[k, j, i]` does, by number of the
-    /// [`Scattering::phase_functions`]: the probability that it scatters after that one. They
-    /// add up to the single-scattering albedo; there is none of all others.
+    /// The two [`Scattering::phase_functions`] of voxel `[k, j, i]`, each as its index and the
+    /// probability that a collision scatters according to it. The probabilities add up to the
+    /// single-scattering albedo.
     ///
     /// # Panics
-    /// When the voxel is outside the grid of the droplets.
+    /// Panics if the voxel is outside the grid of the droplets.
     pub fn shares(&self, voxel: [usize; 3]) -> [(usize, f64); 2] {
         match self {
             Self::Uniform { single_scattering_albedo, .. } => {
@@ -98,7 +98,7 @@ impl Scattering {
 }
 
 impl Collision<'_> {
-    /// The density of scattering by an angle of the given cosine (1/sr).
+    /// The phase function (1/sr) at the given cosine of the scattering angle.
     #[inline]
     pub fn density(&self, cosine: f64) -> f64 {
         let [first, second] = self.phase_functions;
@@ -108,9 +108,8 @@ impl Collision<'_> {
         (1.0 - self.share) * first.density(cosine) + self.share * second.density(cosine)
     }
 
-    /// The cosine of a scattering angle drawn with this density, from a number uniform
-    /// in `[0, 1)`: its upper part chooses the phase function, the rest is stretched
-    /// to `[0, 1)` again.
+    /// Samples the cosine of the scattering angle from a number uniform in `[0, 1)`. The number
+    /// first selects one of the phase functions and is then rescaled to `[0, 1)`.
     #[inline]
     pub fn sample(&self, uniform: f64) -> f64 {
         let [first, second] = self.phase_functions;
@@ -121,7 +120,7 @@ impl Collision<'_> {
         }
     }
 
-    /// The mean cosine of the scattering angle.
+    /// The asymmetry parameter, the mean cosine of the scattering angle.
     pub fn asymmetry(&self) -> f64 {
         let [first, second] = self.phase_functions;
         (1.0 - self.share) * first.asymmetry() + self.share * second.asymmetry()

@@ -3,8 +3,9 @@
 use crate::error::{Error, Result};
 use num_complex::Complex64;
 
-/// Wavelength (um), real and imaginary part: Hale and Querry (1973), "Optical constants
-/// of water in the 200-nm to 200-um wavelength region", table I, at 25 degrees Celsius.
+/// Wavelength (um), real and imaginary part of the refractive index at 25 degrees Celsius: Hale
+/// and Querry (1973), "Optical constants of water in the 200-nm to 200-um wavelength region",
+/// table I.
 const TABLE: [(f64, f64, f64); 40] = [
     (0.200, 1.396, 1.10e-7),
     (0.225, 1.373, 4.90e-8),
@@ -48,11 +49,11 @@ const TABLE: [(f64, f64, f64); 40] = [
     (2.400, 1.279, 9.56e-4),
 ];
 
-/// The refractive index `n + i k` of liquid water at a wavelength (um): Hale and Querry
-/// (1973), `n` and the logarithm of `k` linear between their wavelengths.
+/// The refractive index `n + i k` of liquid water at a wavelength (um) after Hale and Querry
+/// (1973). `n` and the logarithm of `k` are interpolated linearly between their wavelengths.
 ///
 /// # Errors
-/// A wavelength outside 0.2 to 2.4 um.
+/// Returns an error if the wavelength is outside 0.2 to 2.4 um.
 pub fn water_refractive_index(wavelength: f64) -> Result<Complex64> {
     let (first, last) = (TABLE[0].0, TABLE[TABLE.len() - 1].0);
     if !(first..=last).contains(&wavelength) {

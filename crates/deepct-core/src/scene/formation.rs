@@ -1,4 +1,4 @@
-//! Formations of satellites that look at one cloud together.
+//! Formations of satellites that observe one cloud simultaneously.
 
 use super::View;
 use crate::error::{Error, Result};
@@ -7,38 +7,37 @@ use crate::math::{DVec3, towards};
 /// Mean radius of the Earth (km).
 pub const EARTH_RADIUS_KM: f64 = 6371.0;
 
-/// Satellites on one orbital arc over the scene, all with the same camera.
+/// Satellites with identical cameras on one orbital arc over the scene.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Formation {
     /// Altitude of the orbit (km).
     pub altitude: f64,
-    /// Azimuth in which the track runs, clockwise from north (radians).
+    /// Azimuth of the flight direction, clockwise from north (radians).
     pub track_azimuth: f64,
-    /// View zenith of each satellite at the scene (radians); negative for one that
-    /// is behind the scene on the track.
+    /// View zenith angle of each satellite at the scene (radians), negative for a satellite that
+    /// has not yet passed over the scene.
     pub view_zeniths: Vec<f64>,
-    /// Size of a pixel on the ground at nadir (km).
+    /// Pixel size at nadir (km).
     pub pixel_km: f64,
 }
 
-/// The view zeniths of the paper's 10 satellites (degrees; Sde-Chen et al. 2021,
-/// section 4.2).
+/// View zenith angles of the 10 satellites (degrees; Sde-Chen et al. 2021, section 4.2).
 const CLOUDCT_10_DEG: [f64; 10] = [-46.0, -34.0, -26.0, -18.0, -9.0, 0.0, 9.0, 18.0, 26.0, 34.0];
 
-/// The view zeniths of the paper's 32 satellites on the side of the track where the
-/// list has one less (degrees; Sde-Chen et al. 2021, section 4.2).
+/// View zenith angles of the 32 satellites on the side of the track that has one satellite less,
+/// starting at nadir (degrees; Sde-Chen et al. 2021, section 4.2).
 const PEARLS_32_DEG: [f64; 16] =
     [0.0, 9.0, 18.0, 26.0, 34.0, 40.6, 46.0, 51.0, 55.2, 58.8, 62.0, 64.8, 67.4, 69.6, 71.7, 73.5];
 
 impl Formation {
-    /// The paper's 10 views, after the CloudCT mission: a northbound orbit at 600 km,
-    /// pixels of 50 m at nadir.
+    /// The 10 views of Sde-Chen et al. (2021) after the CloudCT mission: a northbound orbit at
+    /// 600 km with pixels of 50 m at nadir.
     pub fn cloudct_10() -> Self {
         Self::northbound(CLOUDCT_10_DEG.to_vec())
     }
 
-    /// The paper's 32 views: satellites 100 km apart on a northbound orbit at 600 km,
-    /// pixels of 50 m at nadir.
+    /// The 32 views of Sde-Chen et al. (2021): satellites 100 km apart on a northbound orbit at
+    /// 600 km with pixels of 50 m at nadir.
     pub fn pearls_32() -> Self {
         let behind = PEARLS_32_DEG[1..].iter().rev().map(|angle| -angle);
         Self::northbound(
@@ -58,7 +57,7 @@ impl Formation {
     /// The names of the presets.
     pub const PRESETS: [&'static str; 2] = ["cloudct-10", "pearls-32"];
 
-    /// The preset of that name.
+    /// The preset with the given name.
     pub fn preset(name: &str) -> Option<Self> {
         match name {
             "cloudct-10" => Some(Self::cloudct_10()),
@@ -67,15 +66,16 @@ impl Formation {
         }
     }
 
-    /// A string of pearls: satellite `k` of `satellites` flies `arc` km further along
-    /// the orbit than the one before it, and number `overhead` is at the zenith.
+    /// A string-of-pearls formation: satellites at equal distances of `arc` km along an orbit at
+    /// `altitude` km. The indices `satellites` are counted from the zenith of the scene, so that
+    /// satellite 0 is overhead.
     ///
-    /// The scene sees a satellite at the geocentric angle `gamma` from it under the
-    /// zenith angle `atan2((R + h) sin gamma, (R + h) cos gamma - R)`.
+    /// A satellite at the geocentric angle `gamma` from the scene has the view zenith angle
+    /// `atan2((R + h) sin gamma, (R + h) cos gamma - R)`.
     ///
     /// # Errors
-    /// An altitude or arc that is not positive, no satellite, or one below the
-    /// horizon of the scene.
+    /// Returns an error if `altitude` or `arc` is not positive, if there is no satellite, or if the
+    /// view zenith angle of a satellite exceeds 89 degrees.
     pub fn string_of_pearls(
         altitude: f64,
         arc: f64,
@@ -105,14 +105,14 @@ impl Formation {
         }
     }
 
-    /// Distance (km) between the scene and a satellite that it sees at `zenith`.
+    /// Distance (km) between the scene and a satellite at the view zenith angle `zenith` (radians).
     pub fn distance(&self, zenith: f64) -> f64 {
         let down = EARTH_RADIUS_KM * zenith.cos();
         (down * down + self.altitude * (2.0 * EARTH_RADIUS_KM + self.altitude)).sqrt() - down
     }
 
-    /// The views of `target` (km), all with images of `[rows, cols]` pixels. Every
-    /// camera has the field of view that gives `pixel_km` from straight above.
+    /// The views of `target` (km) with images of `[rows, cols]` pixels. All cameras have the field
+    /// of view for which the pixel size at nadir is `pixel_km`.
     ///
     /// # Errors
     /// As [`View::perspective`].
@@ -131,8 +131,8 @@ impl Formation {
 mod tests {
     use super::*;
 
-    /// The 17 angles that follow from 100 km on the orbit at 600 km, which the
-    /// paper's list rounds.
+    /// The 17 angles that follow from a distance of 100 km along the orbit at 600 km; the list of
+    /// Sde-Chen et al. (2021) contains rounded values.
     #[test]
     fn the_string_of_pearls_gives_the_angles_of_the_paper() {
         let expected = [
@@ -167,7 +167,7 @@ mod tests {
         let views = Formation::cloudct_10().views(target, [32, 32]).unwrap();
         assert!((views[5].pixel_km() - 0.05).abs() < 1e-12);
         assert!((views[5].zenith()).abs() < 1e-12);
-        // Negative angles are behind the scene on the northbound track: south.
+        // Negative angles denote satellites to the south of the scene on the northbound track.
         assert!(views[0].towards().y < -0.7 && views[9].towards().y > 0.5);
     }
 

@@ -1,4 +1,4 @@
-//! The light of a scene: everything that the solvers need to know besides the cloud.
+//! The scene illumination: all input of the solvers apart from the cloud and the views.
 
 use super::{Boundary, Scene, Sun, Surface, Waves};
 use crate::cloud::{Cloud, Microphysics};
@@ -13,79 +13,82 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-/// Sun, wavelength, droplet optics, molecular atmosphere, surface and lateral boundaries.
+/// The scene illumination: Sun, wavelength, droplet optics, molecular atmosphere, surface and
+/// lateral boundaries.
 ///
-/// It travels with the images: a renderer stores it in their file, an inversion reads it from there.
-/// [`Light::scene`] makes the scene of a cloud in this light. In TOML, JSON and netCDF it is a table
-/// of plain values ([`LightTable`]), which is checked when it is read.
+/// A renderer stores it with the images, and an inversion reads it from their file.
+/// [`Light::scene`] combines it with a cloud to a scene. In TOML, JSON and netCDF it is represented
+/// by a table of plain values ([`LightTable`]), which is checked when it is read.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(into = "LightTable", try_from = "LightTable")]
 #[non_exhaustive]
 pub struct Light {
-    /// Where the sunlight comes from, and how strong it is.
+    /// Direction and irradiance of the Sun.
     pub sun: Sun,
     /// Wavelength (um).
     pub wavelength: f64,
-    /// How droplets scatter and absorb.
+    /// Model of the droplet optics.
     pub optics: DropletOpticsModel,
-    /// Whether there is the molecular atmosphere (Rayleigh scattering of the standard atmosphere).
+    /// Whether the molecular atmosphere (Rayleigh scattering of the standard atmosphere) is
+    /// included.
     pub air: bool,
     /// The surface below the cloud.
     pub surface: Surface,
-    /// What is beyond the horizontal sides of the grid.
+    /// The lateral boundary condition.
     pub boundary: Boundary,
 }
 
-/// How droplets scatter and absorb.
+/// Model of the droplet optics: extinction, phase function and single-scattering albedo.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 #[non_exhaustive]
 pub struct DropletOpticsModel {
-    /// How the extinction of a cloud follows from its droplets, where it is not given.
+    /// Computation of the extinction of a cloud from its droplets, used if the cloud has no
+    /// extinction of its own.
     pub extinction: ExtinctionModel,
     /// The phase function.
     pub phase: PhaseModel,
-    /// Asymmetry parameter (of [`PhaseModel::HenyeyGreenstein`]).
+    /// Asymmetry parameter; used with [`PhaseModel::HenyeyGreenstein`].
     pub asymmetry: f64,
-    /// Single-scattering albedo (of all phase functions but [`PhaseModel::Mie`]).
+    /// Single-scattering albedo; used with all phase functions except [`PhaseModel::Mie`].
     pub single_scattering_albedo: f64,
     /// Shape of the droplet size distribution (Mie).
     pub distribution: SizeDistribution,
     /// Width of the spectral band (um) around the wavelength (Mie); 0 for a single wavelength.
     pub bandwidth: f64,
-    /// Effective variance of the droplet size distribution (Mie); the mean over the cloud if it is
-    /// not given.
+    /// Effective variance of the droplet size distribution (Mie); if not given, the mean over the
+    /// cloud.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub effective_variance: Option<f64>,
-    /// Effective radius (um) of all droplets of a cloud that is known by its extinction alone (Mie).
+    /// Effective radius (um) of all droplets of a cloud that is given by its extinction only (Mie).
     #[serde(skip_serializing_if = "Option::is_none")]
     pub effective_radius: Option<f64>,
 }
 
-/// How extinction follows from liquid water content and effective radius.
+/// Computation of extinction from liquid water content and effective radius.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 #[non_exhaustive]
 pub enum ExtinctionModel {
-    /// Extinction efficiency 2, the limit of large droplets, at any wavelength.
+    /// Extinction efficiency of 2, the limit for large droplets, at any wavelength.
     #[default]
     Geometric,
-    /// The extinction efficiency of Mie theory, some per cent larger in visible light.
+    /// Extinction efficiency of Mie theory, which is several per cent larger in visible light.
     Mie,
 }
 
-/// A phase function by its name.
+/// Model of the phase function.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 #[non_exhaustive]
 pub enum PhaseModel {
-    /// The function of Henyey and Greenstein, the same in every voxel.
+    /// Henyey-Greenstein phase function, the same in every voxel.
     #[default]
     #[serde(rename = "hg", alias = "henyey-greenstein")]
     HenyeyGreenstein,
-    /// Mie theory, by the effective radius of each voxel.
+    /// Mie theory with the effective radius of each voxel.
     Mie,
-    /// The same in all directions.
+    /// Isotropic scattering.
     Isotropic,
 }
 
@@ -105,8 +108,8 @@ impl Default for DropletOpticsModel {
 }
 
 impl Default for Light {
-    /// The Sun of the paper at 0.672 um, a Henyey-Greenstein phase function, no molecular
-    /// atmosphere, a dark ocean and open sides.
+    /// The Sun of Sde-Chen et al. (2021), a wavelength of 0.672 um, a Henyey-Greenstein phase
+    /// function, no molecular atmosphere, a dark ocean surface and open sides.
     fn default() -> Self {
         Self {
             sun: Sun::default(),
@@ -120,15 +123,15 @@ impl Default for Light {
 }
 
 impl From<Sun> for Light {
-    /// The default light under another Sun.
+    /// The default scene illumination with the given Sun.
     fn from(sun: Sun) -> Self {
         Self { sun, ..Self::default() }
     }
 }
 
 impl Light {
-    /// The default light with droplets after Mie theory (phase function and extinction) and with
-    /// the molecular atmosphere: that of the built-in networks' training.
+    /// The default scene illumination with droplet optics by Mie theory (phase function and
+    /// extinction) and with the molecular atmosphere. The built-in networks were trained with it.
     pub fn realistic() -> Self {
         let optics = DropletOpticsModel {
             extinction: ExtinctionModel::Mie,
@@ -138,10 +141,10 @@ impl Light {
         Self { air: true, optics, ..Self::default() }
     }
 
-    /// An error unless every value is in its range.
+    /// Checks that every value is in its range.
     ///
     /// # Errors
-    /// Names the first value at fault.
+    /// Returns an error that names the first value out of range.
     pub fn check(&self) -> Result<()> {
         let Sun { zenith, azimuth, irradiance } = self.sun;
         Sun::from_degrees(zenith.to_degrees(), azimuth.to_degrees())?;
@@ -159,17 +162,18 @@ impl Light {
         self.optics.check()
     }
 
-    /// The scene of a cloud in this light.
+    /// The scene of a cloud with this illumination.
     ///
     /// # Errors
-    /// Values out of range; a cloud without droplets where Mie theory needs their effective radius and
-    /// none is given; a cloud with droplets where one is; a surface above the bottom of the grid.
+    /// Returns an error if a value is out of range, if Mie theory requires an effective radius that
+    /// neither the cloud nor the settings provide, if both provide one, or if the surface is above
+    /// the bottom of the grid.
     pub fn scene(&self, cloud: &Cloud) -> Result<Scene> {
         self.check()?;
         self.scene_with(cloud, self.droplet_table(cloud)?)
     }
 
-    /// The scene of an extinction (1/km) in this light.
+    /// The scene of a cloud given by its extinction (1/km) with this illumination.
     ///
     /// # Errors
     /// As [`Light::scene`].
@@ -177,8 +181,8 @@ impl Light {
         self.scene(&Cloud::from_extinction(extinction)?)
     }
 
-    /// As [`Light::scene`], with the droplet optics of [`Light::droplet_table`], which may serve
-    /// several clouds.
+    /// As [`Light::scene`], with the droplet optics of [`Light::droplet_table`], which can be used
+    /// for several clouds.
     ///
     /// # Errors
     /// As [`Light::scene`].
@@ -191,10 +195,12 @@ impl Light {
         })
     }
 
-    /// The extinction (1/km) of a cloud at this wavelength: the given one, or that of its droplets.
+    /// The extinction (1/km) of a cloud at this wavelength: the prescribed one if the cloud has it,
+    /// otherwise that of its droplets.
     ///
     /// # Errors
-    /// A cloud with neither; effective radii beyond the tables of Mie theory.
+    /// Returns an error if the cloud has neither extinction nor droplets, or if an effective radius
+    /// is beyond the table of Mie theory.
     pub fn extinction(&self, cloud: &Cloud) -> Result<Volume> {
         if !self.is_extinction_by_droplets(cloud) {
             return extinction(cloud);
@@ -205,11 +211,10 @@ impl Light {
         }
     }
 
-    /// The optics of a cloud's droplets by Mie theory, for the effective radii that it has; `None`
-    /// where no Mie theory is needed.
+    /// The table of droplet optics by Mie theory for a cloud; `None` if Mie theory is not used.
     ///
     /// # Errors
-    /// Values out of range.
+    /// Returns an error if a value is out of range.
     pub fn droplet_table(&self, cloud: &Cloud) -> Result<Option<Arc<DropletTable>>> {
         if self.optics.phase != PhaseModel::Mie && !self.is_extinction_by_droplets(cloud) {
             return Ok(None);
@@ -223,8 +228,9 @@ impl Light {
         Ok(Some(Arc::new(table)))
     }
 
-    /// The light as it is recorded with the images of a cloud: droplets of Mie theory have the mean
-    /// effective radius of the cloud, which inversions know no better than as a number.
+    /// The scene illumination as recorded with the images of a cloud. If the phase function is that
+    /// of Mie theory and no effective radius is prescribed, the mean effective radius of the cloud
+    /// is recorded, because an inversion uses a single value.
     pub fn recorded(&self, cloud: &Cloud) -> Self {
         let mut light = self.clone();
         if light.optics.phase == PhaseModel::Mie && light.optics.effective_radius.is_none() {
@@ -267,25 +273,25 @@ impl Light {
         Medium::new(values, optics.single_scattering_albedo, phase)
     }
 
-    /// The droplets of the cloud, or those of the one size that the light gives it.
+    /// The droplets of the cloud, or those of the prescribed effective radius.
     fn droplets(&self, cloud: &Cloud) -> Result<Microphysics> {
         let setting = "optics.effective_radius";
         match (&cloud.microphysics, self.optics.effective_radius) {
             (Some(droplets), None) => Ok(droplets.clone()),
             (None, Some(radius)) => Ok(Microphysics::of_one_size(cloud.grid.shape, radius as f32)),
             (Some(_), Some(radius)) => {
-                let range = "left out, as the cloud has its own effective radii";
+                let range = "omitted, because the cloud has its own effective radii";
                 Err(Error::out_of_range(setting, radius, range))
             }
             (None, None) => {
-                let range = "set (um), as the cloud is known by its extinction alone";
+                let range = "set (um), because the cloud is given by its extinction only";
                 Err(Error::out_of_range(setting, "not set", range))
             }
         }
     }
 }
 
-/// The keys of a [`LightTable`] with dots between its levels, those that may be absent last.
+/// The dotted keys of a [`LightTable`]; the optional ones are last.
 const KEYS: [&str; 17] = [
     "sun_zenith_deg",
     "sun_azimuth_deg",
@@ -305,7 +311,7 @@ const KEYS: [&str; 17] = [
     "optics.effective_variance",
     "optics.effective_radius",
 ];
-/// The number of keys that may be absent.
+/// The number of optional keys.
 const OPTIONAL: usize = 3;
 
 impl Light {
@@ -314,12 +320,12 @@ impl Light {
         &KEYS
     }
 
-    /// Those that are always there.
+    /// The keys of [`Light::values`] that are always present.
     pub fn required_keys() -> &'static [&'static str] {
         &KEYS[..KEYS.len() - OPTIONAL]
     }
 
-    /// Its table as pairs of a key with dots and a value.
+    /// The values of its [`LightTable`] by dotted key.
     pub fn values(&self) -> BTreeMap<String, toml::Value> {
         let table = toml::Table::try_from(self).expect("plain values");
         let mut values = BTreeMap::new();
@@ -336,14 +342,14 @@ impl Light {
         values
     }
 
-    /// The same light with the values of some keys replaced.
+    /// The same scene illumination with the values of some keys replaced.
     ///
     /// # Errors
-    /// An unknown key, a value of a wrong type or out of range.
+    /// Returns an error if a key is unknown, or if a value has the wrong type or is out of range.
     pub fn with_values(&self, values: &BTreeMap<String, toml::Value>) -> Result<Self> {
         let mut table = toml::Table::new();
         for (key, value) in self.values().iter().chain(values) {
-            // A wind speed in whole metres per second is a number all the same.
+            // Integers are accepted as numbers, such as a wind speed in whole metres per second.
             let value = match value {
                 toml::Value::Integer(number) => toml::Value::Float(*number as f64),
                 value => value.clone(),
@@ -396,31 +402,33 @@ impl DropletOpticsModel {
     }
 }
 
-/// A [`Light`] in plain values, as it stands in files: angles in degrees, absent values left out.
+/// A [`Light`] as plain values, the form in which it is stored in files. Angles are in degrees, and
+/// absent values are omitted.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 #[non_exhaustive]
 pub struct LightTable {
-    /// Angle between the zenith and the Sun (degrees).
+    /// Solar zenith angle (degrees).
     pub sun_zenith_deg: f64,
     /// Azimuth towards the Sun, clockwise from north (degrees).
     pub sun_azimuth_deg: f64,
-    /// Solar irradiance on a surface normal to the beam; radiances are in its unit per steradian.
+    /// Solar irradiance on a surface normal to the beam; radiances have its unit per steradian.
     pub solar_irradiance: f64,
     /// Wavelength (um).
     pub wavelength: f64,
-    /// Whether there is the molecular atmosphere.
+    /// Whether the molecular atmosphere is included.
     pub air: bool,
     /// Lambertian albedo of the surface.
     pub surface_albedo: f64,
     /// Altitude of the surface (km).
     pub surface_altitude_km: f64,
-    /// Wind speed over the sea (m/s), whose waves reflect sunlight; none for a surface without waves.
+    /// Wind speed over the ocean surface (m/s), whose waves reflect sunlight; `None` for a surface
+    /// without waves.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub wind_speed: Option<f64>,
-    /// Whether the grid is repeated without end beyond its horizontal sides.
+    /// Whether the grid is continued periodically beyond its lateral boundaries.
     pub periodic: bool,
-    /// How droplets scatter and absorb.
+    /// Model of the droplet optics.
     pub optics: DropletOpticsModel,
 }
 
@@ -469,8 +477,8 @@ impl TryFrom<LightTable> for Light {
     }
 }
 
-/// The degrees that become exactly this angle (radians) again when they are read, the roundest
-/// first.
+/// Converts radians to degrees such that the conversion back gives exactly the same angle. A
+/// rounded value is preferred.
 fn degrees(radians: f64) -> f64 {
     let nearest = radians.to_degrees();
     let round = (nearest * 1e9).round() / 1e9;
@@ -491,7 +499,7 @@ mod tests {
         Grid::new(DVec3::new(0.0, 0.0, 0.5), DVec3::splat(0.1), [2, 2, 2]).unwrap()
     }
 
-    /// What a file holds is what was written, to the last bit.
+    /// The values read from a file equal those written, to the last bit.
     #[test]
     fn a_table_gives_the_same_light_again() {
         let mut light = Light::realistic();
@@ -551,7 +559,7 @@ mod tests {
         }
     }
 
-    /// An extinction and a cloud of one droplet size are the same scene.
+    /// With a prescribed effective radius, an extinction scatters as droplets of this size.
     #[test]
     fn an_extinction_scatters_as_droplets_of_the_given_size() {
         let mut light = Light::realistic();
@@ -566,7 +574,7 @@ mod tests {
         };
         assert_eq!(effective_radius[[1, 1, 1]], 9.0);
         assert_eq!(table.nodes().len(), 1);
-        // A cloud that has droplets contradicts the light.
+        // A cloud with droplets conflicts with a prescribed effective radius.
         let mut cloud = Cloud::from_extinction(extinction).unwrap();
         cloud.microphysics = Some(Microphysics::of_one_size([2, 2, 2], 7.0));
         assert!(light.scene(&cloud).is_err());

@@ -1,4 +1,4 @@
-//! The scene: a medium, the Sun above it, the surface below it; and the views of it.
+//! The scene (medium, Sun, surface, molecular atmosphere) and the views of it.
 
 mod formation;
 mod light;
@@ -22,19 +22,19 @@ use crate::optics::air::Air;
 /// The Sun: a beam of parallel light.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sun {
-    /// Angle between +z and the Sun (radians).
+    /// Solar zenith angle (radians).
     pub zenith: f64,
     /// Azimuth towards the Sun, clockwise from north (radians).
     pub azimuth: f64,
-    /// Flux through a surface normal to the beam.
+    /// Irradiance on a surface normal to the beam.
     pub irradiance: f64,
 }
 
 impl Sun {
-    /// A Sun of unit irradiance from its zenith and azimuth in degrees.
+    /// A Sun of unit irradiance with zenith and azimuth angles in degrees.
     ///
     /// # Errors
-    /// A zenith outside `[0, 90)` degrees, or an azimuth that is not finite.
+    /// Returns an error if the zenith is outside `[0, 90)` degrees or the azimuth is not finite.
     pub fn from_degrees(zenith_deg: f64, azimuth_deg: f64) -> Result<Self> {
         if !(0.0..90.0).contains(&zenith_deg) {
             return Err(Error::out_of_range("solar zenith", zenith_deg, "in [0, 90) degrees"));
@@ -53,44 +53,45 @@ impl Sun {
 }
 
 impl Default for Sun {
-    /// The paper's Sun: zenith 30 degrees, azimuth 45 degrees, unit irradiance.
+    /// The Sun of Sde-Chen et al. (2021): zenith 30 degrees, azimuth 45 degrees, unit irradiance.
     fn default() -> Self {
         let (zenith, azimuth) = (30_f64.to_radians(), 45_f64.to_radians());
         Self { zenith, azimuth, irradiance: 1.0 }
     }
 }
 
-/// What is beyond the horizontal sides of the grid.
+/// The lateral boundary condition of the grid.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[non_exhaustive]
 pub enum Boundary {
-    /// Clear air: light enters and leaves through the sides.
+    /// Cloud-free surroundings: light enters and leaves through the sides.
     #[default]
     Open,
-    /// The same field again and again.
+    /// Periodic continuation of the grid in both horizontal directions.
     Periodic,
 }
 
-/// Everything that light meets.
+/// The complete input of a forward model apart from the views.
 #[derive(Debug, Clone)]
 pub struct Scene {
-    /// The cloud's optics.
+    /// The cloud as a scattering medium.
     pub medium: Medium,
-    /// Where the light comes from.
+    /// The Sun.
     pub sun: Sun,
-    /// What is below.
+    /// The surface below the cloud.
     pub surface: Surface,
-    /// What is beyond the sides.
+    /// The lateral boundary condition.
     pub boundary: Boundary,
-    /// The air around and above the cloud; `None` leaves it out.
+    /// The molecular atmosphere around and above the cloud; `None` omits it.
     pub air: Option<Air>,
 }
 
 impl Scene {
-    /// A scene with open sides and without air.
+    /// A scene with open sides and without molecular atmosphere.
     ///
     /// # Errors
-    /// A surface albedo outside `[0, 1]`, or a surface above the medium's bottom.
+    /// Returns an error if the surface albedo is outside `[0, 1]`, or if the surface is above the
+    /// bottom of the medium.
     pub fn new(medium: Medium, sun: Sun, surface: Surface) -> Result<Self> {
         surface.check()?;
         let bottom = medium.extinction.grid.lower().z;
@@ -104,39 +105,40 @@ impl Scene {
         Ok(Self { medium, sun, surface, boundary: Boundary::Open, air: None })
     }
 
-    /// The same scene with other sides.
+    /// The same scene with the given lateral boundary condition.
     pub fn with_boundary(self, boundary: Boundary) -> Self {
         Self { boundary, ..self }
     }
 
-    /// The same scene in air.
+    /// The same scene with a molecular atmosphere.
     pub fn with_air(self, air: Air) -> Self {
         Self { air: Some(air), ..self }
     }
 }
 
-/// The images of a scene together with how they were taken: what a file of images
-/// holds, and all that a reconstruction may know.
+/// The images of a scene with their scene illumination and views: the content of an image file,
+/// and the only information available to a reconstruction.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Observation {
-    /// The light that they were taken in.
+    /// The scene illumination.
     pub light: Light,
-    /// Keys of [`LightTable`] that nobody stated: what the light has there is assumed. Images of
-    /// a real instrument know Sun and wavelength only.
+    /// Keys of [`LightTable`] whose values are assumed because they were not specified. Images of
+    /// a real instrument specify only the Sun and the wavelength.
     pub assumed: Vec<String>,
-    /// Where the cameras were, one per image.
+    /// The views, one per image.
     pub views: Vec<View>,
     /// Radiance (1/sr).
     pub images: ViewStack,
-    /// Standard error of the radiance (1/sr), where it is known.
+    /// Standard error of the radiance (1/sr); `None` if it is unknown.
     pub standard_error: Option<ViewStack>,
 }
 
 impl Observation {
-    /// Images in a light, or under a Sun in the default light, without a standard error.
+    /// An observation without standard error. If `light` is a [`Sun`], all other properties of the
+    /// scene illumination have their default values.
     ///
     /// # Errors
-    /// When the images are not one per view, or not of the views' size.
+    /// Returns an error if the number or the size of the images does not match the views.
     pub fn new(light: impl Into<Light>, views: Vec<View>, images: ViewStack) -> Result<Self> {
         let [count, rows, cols] = images.shape();
         if views.len() != count {
@@ -152,22 +154,22 @@ impl Observation {
                 "image size [row, col]",
                 format!("[{}, {}]", view.rows, view.cols),
                 format!("[{rows}, {cols}]"),
-                "give images of the size that the views say",
+                "give images of the size that the views specify",
             ));
         }
         let light = light.into();
         Ok(Self { light, assumed: Vec::new(), views, images, standard_error: None })
     }
 
-    /// The geometry in plain numbers.
+    /// The solar and viewing geometry as plain numbers.
     pub fn geometry(&self) -> ViewGeometry {
         view_geometry(&self.light.sun, &self.views)
     }
 
-    /// How the images were taken, in plain numbers.
+    /// The solar and viewing geometry, target (km) and wavelength (um) as plain numbers.
     ///
     /// # Errors
-    /// Views that do not look at one point.
+    /// Returns an error if the views do not share one target.
     pub fn imaging_geometry(&self) -> Result<ImagingGeometry> {
         Ok(ImagingGeometry {
             views: self.geometry(),
@@ -177,7 +179,7 @@ impl Observation {
     }
 }
 
-/// The geometry of views under a Sun in plain numbers.
+/// The solar and viewing geometry as plain numbers (degrees, km).
 pub fn view_geometry(sun: &Sun, views: &[View]) -> ViewGeometry {
     ViewGeometry {
         sun_zenith_deg: sun.zenith.to_degrees(),

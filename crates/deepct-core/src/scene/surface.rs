@@ -1,4 +1,4 @@
-//! The surface below the scene: a horizontal plane without end.
+//! The surface below the scene, an infinite horizontal plane.
 
 use crate::error::{Error, Result};
 use crate::math::DVec3;
@@ -8,42 +8,42 @@ use std::f64::consts::PI;
 /// The refractive index of sea water in visible light (Quan and Fry 1995: 1.34 at 550 nm).
 const WATER: f64 = 1.34;
 
-/// A surface that reflects light the same way into all directions (Lambert), and as a
-/// sea in the wind does where it has [`Waves`].
+/// A Lambertian surface, which in addition reflects light like an ocean surface roughened by wind
+/// if it has [`Waves`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Surface {
-    /// Share of the incoming flux that is reflected into all directions alike, in
-    /// `[0, 1]`; of a sea with waves, what comes out of the water.
+    /// Lambertian albedo in `[0, 1]`. For an ocean surface with waves it represents the light that
+    /// emerges from the water.
     pub albedo: f64,
     /// Altitude of the plane (km), at or below the bottom of the medium.
     pub altitude: f64,
-    /// The waves that mirror the light; `None` for land.
+    /// The waves that reflect light specularly; `None` for a purely Lambertian surface.
     pub waves: Option<Waves>,
 }
 
-/// The surface of a sea as many small mirrors, with slopes that follow the wind (Cox and
-/// Munk 1954), which hide each other at grazing angles (Smith 1967). There is no foam,
-/// and light that is mirrored twice is lost.
+/// The ocean surface as an ensemble of specular facets whose slopes depend on the wind speed (Cox
+/// and Munk 1954), with mutual shadowing at grazing angles (Smith 1967). Foam is not included, and
+/// light that is reflected by a second facet is lost.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Waves {
     /// Wind speed (m/s).
     wind_speed: f64,
-    /// Mean square slope, along and across the wind together.
+    /// Mean square slope, the sum of the components along and across the wind.
     slope_variance: f64,
 }
 
 impl Surface {
-    /// A surface that reflects nothing.
+    /// A black surface.
     pub const BLACK: Self = Self::lambertian(0.0);
-    /// The dark ocean of the paper's simulations.
+    /// The dark ocean surface in the simulations of Sde-Chen et al. (2021).
     pub const OCEAN: Self = Self::lambertian(0.05);
 
-    /// A surface at sea level that reflects a share of the light into all directions.
+    /// A Lambertian surface at sea level.
     pub const fn lambertian(albedo: f64) -> Self {
         Self { albedo, altitude: 0.0, waves: None }
     }
 
-    /// An error unless the albedo is a share.
+    /// Returns an error unless the albedo is between 0 and 1.
     pub(super) fn check(&self) -> Result<()> {
         if (0.0..=1.0).contains(&self.albedo) {
             return Ok(());
@@ -51,12 +51,13 @@ impl Surface {
         Err(Error::out_of_range("surface albedo", self.albedo, "between 0 and 1"))
     }
 
-    /// Whether no light comes back.
+    /// Whether the surface reflects no light.
     pub fn is_black(&self) -> bool {
         self.albedo == 0.0 && self.waves.is_none()
     }
 
-    /// The reflectance distribution (1/sr) between two directions away from the surface.
+    /// The bidirectional reflectance distribution function (1/sr) for two directions that point
+    /// away from the surface.
     #[inline]
     pub fn reflectance(&self, one: DVec3, other: DVec3) -> f64 {
         let mirrored = self.waves.map_or(0.0, |waves| waves.reflectance(one, other));
@@ -65,11 +66,12 @@ impl Surface {
 }
 
 impl Waves {
-    /// The waves under a wind (m/s, 12.5 m above the sea): Cox and Munk (1954), the mean
-    /// square slope of a clean sea, whatever the wind's direction.
+    /// The waves for a wind speed (m/s) at 12.5 m above the ocean surface, with the mean square
+    /// slope of a clean surface independent of wind direction (Cox and Munk 1954).
     ///
     /// # Errors
-    /// A wind outside 0.5 to 20 m/s; theirs was 1 to 14 m/s.
+    /// Returns an error if the wind speed is outside 0.5 to 20 m/s; Cox and Munk measured at 1 to
+    /// 14 m/s.
     pub fn new(wind_speed: f64) -> Result<Self> {
         if !(0.5..=20.0).contains(&wind_speed) {
             return Err(Error::out_of_range("wind speed", wind_speed, "from 0.5 to 20 m/s"));
@@ -77,14 +79,14 @@ impl Waves {
         Ok(Self { wind_speed, slope_variance: 0.003 + 0.00512 * wind_speed })
     }
 
-    /// The wind speed (m/s) that makes the waves.
+    /// The wind speed (m/s).
     pub fn wind_speed(&self) -> f64 {
         self.wind_speed
     }
 
-    /// The reflectance distribution (1/sr) between two directions away from the surface:
-    /// the density of mirrors that face half-way, times Fresnel's reflectance, over four
-    /// times both cosines.
+    /// The bidirectional reflectance distribution function (1/sr) for two directions that point
+    /// away from the surface: the density of facets whose normal bisects the directions, times the
+    /// Fresnel reflectance and the shadowing factor, divided by four times both cosines.
     #[inline]
     pub fn reflectance(&self, one: DVec3, other: DVec3) -> f64 {
         if one.z <= 0.0 || other.z <= 0.0 {
@@ -96,8 +98,9 @@ impl Waves {
         fresnel(facing.dot(one)) * density * seen / (4.0 * one.z * other.z)
     }
 
-    /// A direction into which a mirror, drawn by its area seen from above, throws light
-    /// that comes from `away`. It may lead downwards: light that is lost.
+    /// Samples the direction into which light that arrives from the direction `away` is reflected.
+    /// The facet is drawn in proportion to its horizontally projected area. The direction may point
+    /// downwards; such light is lost.
     #[inline]
     pub fn sample(&self, away: DVec3, rng: &mut Stream) -> DVec3 {
         let steepness = (-self.slope_variance * (1.0 - rng.random::<f64>()).ln()).sqrt();
@@ -106,7 +109,7 @@ impl Waves {
         2.0 * facing.dot(away) * facing - away
     }
 
-    /// The density (1/sr) with which [`Waves::sample`] gives `other`.
+    /// The probability density (1/sr) with which [`Waves::sample`] returns `other`.
     #[inline]
     pub fn sample_density(&self, away: DVec3, other: DVec3) -> f64 {
         let facing = (away + other).normalize();
@@ -116,8 +119,8 @@ impl Waves {
         self.facing_density(facing.z) * facing.z / (4.0 * facing.dot(away).abs())
     }
 
-    /// Density (1/sr) of the area of mirrors, over the area of the sea, by the cosine of
-    /// the zenith angle that they face.
+    /// Area of the facets per horizontal area and per solid angle of their normal (1/sr), as a
+    /// function of the cosine of the zenith angle of the normal.
     #[inline]
     fn facing_density(&self, cosine: f64) -> f64 {
         let square = cosine * cosine;
@@ -125,8 +128,8 @@ impl Waves {
             / (PI * self.slope_variance * square * square)
     }
 
-    /// Area of mirrors that are hidden over that of those seen, at the cosine of a zenith
-    /// angle: the rational fit of Walter et al. (2007), section 5.2, to Smith's function.
+    /// Ratio of the shadowed to the visible area of the facets as a function of the cosine of the
+    /// zenith angle: the rational fit to Smith's function by Walter et al. (2007), section 5.2.
     #[inline]
     fn hidden(&self, cosine: f64) -> f64 {
         let a = cosine / ((1.0 - cosine * cosine).max(1e-12) * self.slope_variance).sqrt();
@@ -137,8 +140,8 @@ impl Waves {
     }
 }
 
-/// Fresnel's reflectance of unpolarised light that comes from air at an angle of the
-/// given cosine.
+/// The Fresnel reflectance for unpolarised light incident from air, as a function of the cosine of
+/// the angle of incidence.
 #[inline]
 fn fresnel(cosine: f64) -> f64 {
     let inside = (1.0 - (1.0 - cosine * cosine) / (WATER * WATER)).sqrt();
@@ -157,7 +160,7 @@ mod tests {
     fn straight_on_water_reflects_two_per_cent() {
         assert!((fresnel(1.0) - (0.34_f64 / 2.34).powi(2)).abs() < 1e-12);
         assert!((fresnel(1e-9) - 1.0).abs() < 1e-6);
-        // Brewster's angle: only light that swings across is reflected.
+        // At Brewster's angle only light polarised normal to the plane of incidence is reflected.
         let brewster = WATER.atan().cos();
         let across = ((1.0 - WATER * WATER) / (1.0 + WATER * WATER)).powi(2);
         assert!((fresnel(brewster) - 0.5 * across).abs() < 1e-12);
@@ -171,15 +174,15 @@ mod tests {
         assert!(waves.reflectance(one, other) > 0.03);
     }
 
-    /// The reflectance times the cosine over the density of a drawn direction.
+    /// The reflectance times the cosine over the probability density of a sampled direction.
     fn weight(waves: &Waves, away: DVec3, rng: &mut Stream) -> f64 {
         let other = waves.sample(away, rng);
         let wanted = waves.reflectance(away, other) * other.z;
         if wanted > 0.0 { wanted / waves.sample_density(away, other) } else { 0.0 }
     }
 
-    /// The mean weight of drawn directions is the flux reflected; so is the integral of
-    /// the reflectance times the cosine, on a fine grid of directions.
+    /// The mean weight of sampled directions and the integral of the reflectance times the cosine
+    /// on a fine grid of directions are both equal to the reflected flux.
     #[test]
     fn drawn_directions_have_the_reflectance() {
         for (wind, zenith) in [(2.0, 0.3), (7.0, 0.9), (12.0, 1.3)] {
@@ -210,7 +213,7 @@ mod tests {
         }
     }
 
-    /// Straight down on a calm sea the shares of all mirrors add up to Fresnel's.
+    /// At normal incidence, a calm ocean surface reflects the fraction given by Fresnel.
     #[test]
     fn a_calm_sea_is_a_mirror() {
         let waves = Waves::new(0.5).unwrap();

@@ -1,35 +1,36 @@
-//! A view: a camera, where it stands and where it looks.
+//! A view: one image with its camera geometry.
 
 use crate::error::{Error, Result};
 use crate::math::{DVec3, Ray, zenith_and_azimuth};
 use glam::DVec2;
 
-/// How a camera maps points to pixels.
+/// The projection of points of the scene onto the image.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub enum Projection {
-    /// Rays meet in the camera; the image plane is normal to the line of sight.
+    /// Central projection: all rays pass through the camera position, and the image plane is normal
+    /// to the line of sight.
     Perspective {
-        /// Where the camera is (km).
+        /// Position of the camera (km).
         position: DVec3,
-        /// Size of a pixel over focal length: its tangent seen from the camera.
+        /// Pixel size over focal length (dimensionless).
         pixel_tangent: f64,
     },
     /// Parallel rays; pixels are squares in the horizontal plane through the target.
     Orthographic {
         /// Unit vector from the scene towards the camera.
         towards: DVec3,
-        /// Size of a pixel in the plane (km).
+        /// Pixel size in the horizontal plane (km).
         pixel_km: f64,
     },
 }
 
-/// A camera that looks at a target: row grows to the north and column to the east.
+/// A camera pointed at a target. Rows increase towards north and columns towards east.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct View {
-    /// The point that the middle of the image shows (km).
+    /// The point at the centre of the image (km).
     pub target: DVec3,
-    /// How points become pixels.
+    /// The projection of points onto the image.
     pub projection: Projection,
     /// Number of rows.
     pub rows: usize,
@@ -38,12 +39,12 @@ pub struct View {
 }
 
 impl View {
-    /// A perspective camera at `position` (km) that looks at `target` (km), with
-    /// pixels of the given size over focal length.
+    /// A perspective camera at `position` (km) pointed at `target` (km), with the pixel size over
+    /// focal length `pixel_tangent` and `[rows, cols]` pixels.
     ///
     /// # Errors
-    /// A camera that is not above its target, a pixel size that is not positive, or
-    /// an empty image.
+    /// Returns an error if the camera is not above its target, if the pixel size is not positive,
+    /// or if the image is empty.
     pub fn perspective(
         position: DVec3,
         target: DVec3,
@@ -54,8 +55,8 @@ impl View {
         Self { target, projection, rows, cols }.checked(pixel_tangent)
     }
 
-    /// Parallel rays towards a camera at infinity in direction `towards` (unit
-    /// vector), with pixels of `pixel_km` in the horizontal plane through `target`.
+    /// A camera at infinity in the direction `towards`, with pixels of size `pixel_km` in the
+    /// horizontal plane through `target` (km) and `[rows, cols]` pixels.
     ///
     /// # Errors
     /// As [`View::perspective`].
@@ -99,18 +100,18 @@ impl View {
         }
     }
 
-    /// Angle at the scene between +z and the camera (radians).
+    /// View zenith angle at the target (radians).
     pub fn zenith(&self) -> f64 {
         zenith_and_azimuth(self.towards()).0
     }
 
-    /// Azimuth at the scene towards the camera, clockwise from north (radians).
+    /// Azimuth from the target towards the camera, clockwise from north (radians).
     pub fn azimuth(&self) -> f64 {
         zenith_and_azimuth(self.towards()).1
     }
 
-    /// Size of a pixel at the target (km): square-on to the line of sight for a
-    /// perspective camera, in the horizontal plane for an orthographic one.
+    /// Pixel size at the target (km): normal to the line of sight for a perspective camera, in the
+    /// horizontal plane for an orthographic one.
     pub fn pixel_km(&self) -> f64 {
         match self.projection {
             Projection::Perspective { position, pixel_tangent } => {
@@ -120,7 +121,7 @@ impl View {
         }
     }
 
-    /// Distance of the camera from the target (km); none for parallel rays.
+    /// Distance of the camera from the target (km); `None` for an orthographic camera.
     pub fn distance_km(&self) -> Option<f64> {
         match self.projection {
             Projection::Perspective { position, .. } => Some(position.distance(self.target)),
@@ -136,10 +137,11 @@ impl View {
         (col, towards.cross(col))
     }
 
-    /// The line of sight through a point of the image, from the camera into the
-    /// scene. `row` and `col` are continuous: pixel `[r, c]` spans `r..r+1, c..c+1`.
+    /// The line of sight through a point of the image, from the camera into the scene. `row` and
+    /// `col` are continuous: pixel `[r, c]` spans `r..r+1, c..c+1`.
     ///
-    /// The ray of an orthographic view starts 1000 km before the target plane.
+    /// The ray of an orthographic view starts at a distance of 1000 km from the horizontal plane
+    /// through the target.
     #[inline]
     pub fn ray(&self, row: f64, col: f64) -> Ray {
         let (row, col) = (row - 0.5 * self.rows as f64, col - 0.5 * self.cols as f64);
@@ -156,15 +158,15 @@ impl View {
         }
     }
 
-    /// Where a point of the scene falls in the image, as continuous `(row, col)`; a
-    /// result outside `0..rows, 0..cols` is outside the frame. `None` for a point
-    /// behind the camera.
+    /// Projects a point of the scene (km) to continuous image coordinates `(row, col)`. A result
+    /// outside `0..rows, 0..cols` is outside the image. Returns `None` for a point behind the
+    /// camera.
     #[inline]
     pub fn project(&self, point: DVec3) -> Option<(f64, f64)> {
         self.projector().project(point)
     }
 
-    /// The projection of many points.
+    /// Prepares the projection of many points.
     pub(crate) fn projector(&self) -> Projector {
         let middle = 0.5 * DVec2::new(self.rows as f64, self.cols as f64);
         match self.projection {
@@ -179,7 +181,7 @@ impl View {
                 }
             }
             Projection::Orthographic { towards, pixel_km } => {
-                // The foot of a point in the plane, along the line of sight.
+                // The point is projected along the line of sight onto the horizontal plane.
                 let axis =
                     |along: DVec3| (along - along.dot(towards) / towards.z * DVec3::Z) / pixel_km;
                 Projector {
@@ -193,15 +195,15 @@ impl View {
     }
 }
 
-/// A view that is ready to project many points: linear in homogeneous coordinates.
+/// The projection of a view as a linear map in homogeneous coordinates, for many points.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Projector {
     origin: DVec3,
-    /// What a step from the origin adds to row, column and depth, the first two times the depth.
+    /// Gradients of row times depth, column times depth, and depth.
     axes: [DVec3; 3],
     /// The depth of the origin.
     depth: f64,
-    /// Row and column of the middle of the image.
+    /// Row and column of the image centre.
     middle: DVec2,
 }
 
@@ -216,8 +218,8 @@ impl Projector {
         (depth > 0.0).then_some((place.x, place.y))
     }
 
-    /// The pixels of points in a row, from `first` on and `step` apart: `(row, col)`, not a number
-    /// behind the camera.
+    /// Projects equidistant points, which start at `first` and are `step` apart, to `(row, col)`.
+    /// The result is NaN for points behind the camera.
     #[inline]
     pub(crate) fn project_row(&self, first: DVec3, step: DVec3, pixels: &mut [DVec2]) {
         let first = self.axes.map(|axis| axis.dot(first - self.origin));
@@ -231,10 +233,10 @@ impl Projector {
     }
 }
 
-/// The point (km) that the middle of every image shows.
+/// The common target of all views (km), the point at the centre of every image.
 ///
 /// # Errors
-/// No view, or views that look at points more than a metre apart.
+/// Returns an error if there is no view, or if the targets differ by more than a metre.
 pub fn target(views: &[View]) -> Result<DVec3> {
     let Some(first) = views.first() else {
         return Err(Error::out_of_range("number of views", 0, "at least 1"));

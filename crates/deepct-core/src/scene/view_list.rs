@@ -1,4 +1,4 @@
-//! Lists of views as users name them: a preset formation, or a TOML file.
+//! Lists of views as specified by users: a preset formation or a TOML file.
 
 use super::{Formation, View};
 use crate::error::{Error, Result};
@@ -6,33 +6,34 @@ use crate::math::{DVec3, towards};
 use serde::Deserialize;
 use std::path::Path;
 
-/// What a file of views holds, for messages and help texts.
+/// Format of a file of views, for messages and help texts.
 pub const VIEW_FILE_HELP: &str = "\
-A file of views holds either one [string_of_pearls] or a [[view]] for each view:
+A file of views contains either one [string_of_pearls] table or one [[view]] table per view:
 
-    [string_of_pearls]           # satellites in line on one orbit, as on a curved Earth
-    satellites = 32
-    arc_km = 100.0               # from one to the next, along the orbit
-    overhead = 16                # the one over the target, counted from 0
-    altitude_km = 600.0
-    pixel_km = 0.05              # size of a pixel straight below the satellite
-    track_azimuth_deg = 0.0      # optional: where they fly to, clockwise from north
+    [string_of_pearls]           # satellites at equal distances on one orbit (spherical Earth)
+    satellites = 32              # number of satellites
+    arc_km = 100.0               # distance between neighbouring satellites along the orbit
+    overhead = 16                # index of the satellite above the target, counted from 0
+    altitude_km = 600.0          # altitude of the orbit
+    pixel_km = 0.05              # pixel size at nadir
+    track_azimuth_deg = 0.0      # optional: flight direction, clockwise from north
 
     [[view]]                     # a perspective camera
-    view_zenith_deg = 26.0       # at the target, from +z towards the camera
-    view_azimuth_deg = 90.0      # towards the camera, clockwise from north
-    altitude_km = 600.0
-    pixel_km = 0.05              # size of a pixel straight below the camera
+    view_zenith_deg = 26.0       # angle at the target between the zenith and the camera
+    view_azimuth_deg = 90.0      # from the target towards the camera, clockwise from north
+    altitude_km = 600.0          # altitude of the camera
+    pixel_km = 0.05              # pixel size at nadir
 
-    [[view]]                     # no altitude: parallel rays
+    [[view]]                     # an orthographic camera (parallel rays) has no altitude
     view_zenith_deg = 0.0
     view_azimuth_deg = 0.0
-    pixel_km = 0.05              # size of a pixel in the horizontal plane
+    pixel_km = 0.05              # pixel size in the horizontal plane
 
-Optional above these: target_km = [x, y, z], the point in the middle of every image
-(the centre of the cloud's grid); image_size = [rows, cols] (that of the grid).";
+Optional keys before these tables: target_km = [x, y, z], the point at the centre of every
+image (default: the centre of the cloud's grid), and image_size = [rows, cols] (default: that
+of the grid).";
 
-/// The views of a scene before it is known where the scene is.
+/// A list of cameras, from which [`ViewList::views`] creates the views of a target.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ViewList {
     target: Option<DVec3>,
@@ -46,7 +47,7 @@ enum Cameras {
     Single(Vec<Camera>),
 }
 
-/// A file of views as it is written; see [`VIEW_FILE_HELP`].
+/// The content of a file of views; see [`VIEW_FILE_HELP`].
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct ViewFile {
@@ -79,11 +80,11 @@ struct Camera {
 }
 
 impl ViewList {
-    /// The preset formation of that name, or else the file at that path.
+    /// The preset formation of the given name, otherwise the content of the file at this path.
     ///
     /// # Errors
-    /// Neither a preset nor a file; a file that cannot be read; a missing or unknown
-    /// key; a number out of range.
+    /// Returns an error if the name is neither a preset nor a file, if the file cannot be read, if
+    /// a key is missing or unknown, or if a number is out of range.
     pub fn find(name: &str) -> Result<Self> {
         if let Some(formation) = Formation::preset(name) {
             let cameras = Cameras::Formation(formation);
@@ -97,9 +98,9 @@ impl ViewList {
         }
         let text = std::fs::read_to_string(path).map_err(Error::io(path))?;
         let list = Self::parse(&text).map_err(|problem| {
-            Error::file(path, "views", problem, "see `deepct render --help` for what it holds")
+            Error::file(path, "views", problem, "see `deepct render --help` for the file format")
         })?;
-        // Numbers out of range show here and not after the scene was read.
+        // Numbers out of range are reported here, before the scene is read.
         list.views(DVec3::ZERO, [1, 1]).map_err(Error::in_file(path))?;
         Ok(list)
     }
@@ -117,11 +118,11 @@ impl ViewList {
         Ok(Self { target, image_size: file.image_size, cameras })
     }
 
-    /// The views with images of `[rows, cols]` pixels around `target` (km), unless
-    /// the list says otherwise.
+    /// The views of `target` (km) with images of `[rows, cols]` pixels. A target or image size
+    /// specified in the list takes precedence.
     ///
     /// # Errors
-    /// A number out of range.
+    /// Returns an error if a number is out of range.
     pub fn views(&self, target: DVec3, image_size: [usize; 2]) -> Result<Vec<View>> {
         let target = self.target.unwrap_or(target);
         let size = self.image_size.unwrap_or(image_size);
@@ -177,7 +178,7 @@ mod tests {
 
     const TARGET: DVec3 = DVec3::new(0.8, 0.8, 1.0);
 
-    /// The example of the help text is in fact a file, but for its two halves.
+    /// Part of the example in the help text; each of its two alternatives is a valid file.
     fn example(start: &str, end: &str) -> String {
         let (_, rest) = VIEW_FILE_HELP.split_once(start).unwrap();
         let (part, _) = rest.split_once(end).unwrap();

@@ -1,26 +1,26 @@
-//! Air made ready for rays: its optical depth by altitude.
+//! Molecular atmosphere prepared for ray tracing: optical depth as a function of altitude.
 
 use crate::optics::PhaseFunction;
 use crate::optics::air::Air;
 
-/// Thickness of a level (km): extinction counts as constant in each.
+/// Thickness (km) of a level, within which the extinction is taken as constant.
 const LEVEL: f64 = 0.1;
-/// Above this altitude (km) there is no air.
+/// Altitude (km) of the top of the molecular atmosphere.
 const TOP: f64 = 86.0;
 
-/// A column of air above the surface, the same everywhere; or none.
+/// Horizontally uniform column of the molecular atmosphere above the surface; may be empty.
 #[derive(Debug)]
 pub(super) struct AirColumn {
     /// Altitude of the surface (km).
     bottom: f64,
-    /// Optical depth below the floor of each level, and below the top.
+    /// Optical depth from the surface to the floor of each level, and to the top.
     below: Vec<f64>,
-    /// Where a collision with a molecule sends light.
+    /// Phase function of molecular scattering.
     pub(super) phase_function: PhaseFunction,
 }
 
 impl AirColumn {
-    /// The air above an altitude (km).
+    /// Column above an altitude (km); empty if `air` is `None`.
     pub(super) fn new(air: Option<&Air>, bottom: f64) -> Self {
         let Some(air) = air else {
             return Self { bottom, below: vec![0.0; 2], phase_function: PhaseFunction::Isotropic };
@@ -34,26 +34,26 @@ impl AirColumn {
         Self { bottom, below, phase_function: air.phase_function() }
     }
 
-    /// Whether there is no air.
+    /// Whether there is no molecular atmosphere.
     #[inline]
     pub(super) fn is_empty(&self) -> bool {
         self.total() == 0.0
     }
 
-    /// Altitude above which there is no air (km).
+    /// Altitude (km) of the top of the molecular atmosphere.
     pub(super) fn top(&self) -> f64 {
         TOP
     }
 
-    /// Optical depth on a path from an altitude to another one (km), in a direction that
-    /// has the upward component `rise`.
+    /// Optical depth of a path from one altitude (km) to another, in a direction with the upward
+    /// component `rise`.
     #[inline]
     pub(super) fn optical_depth(&self, from: f64, to: f64, rise: f64) -> f64 {
         if self.is_empty() { 0.0 } else { (self.depth_below(to) - self.depth_below(from)) / rise }
     }
 
-    /// The distance (km) at which the optical depth from an altitude reaches `depth`;
-    /// `None` when that is never, or below the surface.
+    /// Distance (km) at which the optical depth from an altitude reaches `depth`; `None` if the
+    /// path leaves the atmosphere or meets the surface first.
     #[inline]
     pub(super) fn free_path(&self, from: f64, rise: f64, depth: f64) -> Option<f64> {
         if self.is_empty() {

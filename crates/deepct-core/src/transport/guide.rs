@@ -1,42 +1,42 @@
-//! Where light is to be expected: how paths are split and ended.
+//! Expected contributions, which control the splitting and termination of photon paths.
 //!
-//! Strong forward scattering makes noise because few paths turn to the Sun where it
-//! shines, and those few bring much. So at a collision that the Sun reaches new paths
-//! branch off in its direction, and a path lives on by what it may still bring and not
-//! by what it carries (Buras and Mayer 2011). None of this changes the expected value.
+//! Strong forward scattering causes noise because few paths turn towards the Sun, and each of them
+//! contributes much. At a collision that sunlight reaches, additional paths therefore branch off
+//! towards the Sun, and Russian roulette depends on the expected contribution of a path rather than
+//! on its throughput (Buras and Mayer 2011). The expected value of the radiance does not change.
 
 use super::field::{Field, Heading};
 use crate::math::DVec3;
 use std::f64::consts::PI;
 
-/// Radiance (1/sr) that is to be expected from anywhere in a cloud, for a Sun of unit
-/// irradiance.
+/// Radiance (1/sr) that is expected anywhere in a cloud, for a Sun of unit irradiance.
 const DIFFUSE: f64 = 0.06;
-/// Most branches of one collision.
+/// Largest mean number of branches at one collision.
 const MOST_BRANCHES: f64 = 2.0;
 
-/// The optical depth of the medium on the way to the Sun, by cell.
+/// Optical depth of the medium towards the Sun, by cell.
 #[derive(Debug)]
 pub(super) struct Guide {
     sun_depths: Vec<f32>,
 }
 
-/// What the guide says of one collision.
+/// Expected sunlight at one collision.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Expectation {
-    /// Share of the sunlight that comes here nearly straight on, over [`DIFFUSE`].
+    /// Fraction of the sunlight that arrives unscattered or nearly forward-scattered, over
+    /// [`DIFFUSE`].
     sunlight: f64,
 }
 
 impl Guide {
-    /// Look at the Sun from the middle of each cell.
+    /// Compute the optical depth towards the Sun from the centre of each cell.
     pub(super) fn new(field: &Field, sun: &Heading) -> Self {
         Self { sun_depths: field.depths_from_cells(sun) }
     }
 
-    /// What to expect at a point of the field's coordinates. Light that was scattered
-    /// by small angles counts as sunlight: the share `g^2` of the extinction does not
-    /// weaken it (Joseph, Wiscombe and Weinman 1976).
+    /// Expected sunlight at a point in the coordinates of the field. Light scattered by small
+    /// angles counts as direct: the fraction `g^2` of the extinction does not attenuate it (Joseph,
+    /// Wiscombe and Weinman 1976).
     #[inline]
     pub(super) fn expect(
         &self,
@@ -52,12 +52,13 @@ impl Guide {
 }
 
 impl Expectation {
-    /// Outside of the medium, of which the way to the Sun may pass a thin edge.
+    /// Expectation outside of the medium, from where the line to the Sun may cross a thin cloud
+    /// edge.
     pub(super) const OUTSIDE: Self = Self { sunlight: 1.0 / DIFFUSE };
 
-    /// Mean number of paths that branch off towards the Sun from one that came in a
-    /// direction of the given cosine to it: what two scatterings bring to the Sun, a
-    /// Henyey-Greenstein function of asymmetry `g^2`, over the diffuse light.
+    /// Mean number of paths that branch off towards the Sun from a path that arrives in a direction
+    /// of the given cosine to the Sun: the radiance scattered towards the Sun in two scatterings, a
+    /// Henyey-Greenstein function of asymmetry parameter `g^2`, over the diffuse radiance.
     #[inline]
     pub(super) fn branches(self, asymmetry: f64, cosine: f64) -> f64 {
         let g = asymmetry * asymmetry;
@@ -66,8 +67,8 @@ impl Expectation {
         (self.sunlight * twice).min(MOST_BRANCHES)
     }
 
-    /// What a path may bring, over what one in diffuse light may: `density` is that of
-    /// scattering from its direction into the Sun's.
+    /// Expected contribution of a path relative to that of a path in diffuse light. `density` is
+    /// that of scattering from the direction of the path towards the Sun.
     #[inline]
     pub(super) fn importance(self, density: f64) -> f64 {
         1.0 + self.sunlight * density

@@ -1,8 +1,8 @@
-//! The Monte Carlo solver: samples of photon paths, and their mean.
+//! The Monte Carlo solver: means over sampled photon paths.
 //!
-//! Backward path tracing (Marchuk et al. 1980): paths start in a pixel, scatter by
-//! chance, and look at the Sun from each scattering (next-event estimation). Samples are
-//! drawn in rounds, between which the solver may stop.
+//! Backward path tracing (Marchuk et al. 1980): paths start in a pixel, are scattered at random,
+//! and collect direct sunlight at each scattering (next-event estimation). Samples are drawn in
+//! rounds, between which the solver may stop.
 
 use super::path::Tracer;
 use super::{Progress, Rendering, Watch};
@@ -14,27 +14,27 @@ use crate::scene::{Scene, View};
 use ndarray::Array3;
 use rayon::prelude::*;
 
-/// Rounds of a run with a given number of samples.
+/// Number of rounds if the number of samples is given.
 const ROUNDS: u32 = 32;
-/// Fewest samples of a pixel in a round.
+/// Smallest number of samples per pixel in a round.
 const SMALLEST_ROUND: u32 = 16;
-/// Samples of a pixel in the first round towards a given noise.
+/// Number of samples per pixel in the first round if a noise is given.
 const FIRST_ROUND: u32 = 64;
-/// A pixel is bright if it has this share of the radiance of its view's brightest one.
+/// A pixel is bright if its radiance is at least this share of that of the brightest pixel of its
+/// view.
 const BRIGHT: f64 = 0.5;
 
 /// Settings of the Monte Carlo solver.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MonteCarloSettings {
-    /// Number of photon paths of each pixel, at least 2; the most of them if a `noise` is
-    /// given.
+    /// Number of photon paths per pixel, at least 2; the maximum number if `noise` is given.
     pub samples_per_pixel: u32,
-    /// Stop as soon as [`Progress::noise`] is no more than this.
+    /// Stop as soon as [`Progress::noise`] does not exceed this value.
     pub noise: Option<f64>,
     /// Seed of all random numbers.
     pub seed: u64,
-    /// After this many scatterings a path goes on in similar media, thinner and with less
-    /// and less of the forward peak: faster and less noisy, but biased. After 4 the view
+    /// Number of scatterings after which a path continues in similar media with progressively lower
+    /// extinction and weaker forward peaks: faster and less noisy, but biased. With 4, the view
     /// means of thick clouds are less than 0.4 % off. `None`, the default, is unbiased.
     pub similarity_after: Option<u32>,
 }
@@ -51,7 +51,7 @@ impl MonteCarloSettings {
             return Err(Error::out_of_range(
                 "samples per pixel",
                 self.samples_per_pixel,
-                "at least 2, so that their scatter tells the standard error",
+                "at least 2, from which the standard error is estimated",
             ));
         }
         match self.noise {
@@ -62,12 +62,12 @@ impl MonteCarloSettings {
         }
     }
 
-    /// How many samples of each pixel to draw next; none when enough are there.
+    /// Number of samples per pixel to draw next; 0 if there are enough.
     fn next_round(&self, drawn: u32, noise: f64) -> u32 {
         let left = self.samples_per_pixel - drawn;
         let Some(wanted) = self.noise else {
             let round = self.samples_per_pixel.div_ceil(ROUNDS).max(SMALLEST_ROUND);
-            // No crumb is left for the last round: its scatter tells nothing new.
+            // A small remainder is merged into the last round.
             return if left < 2 * round { left } else { round };
         };
         if drawn == 0 {
@@ -81,16 +81,16 @@ impl MonteCarloSettings {
     }
 }
 
-/// A radiance (1/sr for a Sun of unit irradiance) and how well it is known.
+/// A radiance (1/sr for a Sun of unit irradiance) and its uncertainty.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Radiance {
-    /// The mean of the samples.
+    /// Mean of the samples.
     pub mean: f64,
-    /// Its standard error.
+    /// Standard error of the mean.
     pub standard_error: f64,
 }
 
-/// The sum of samples and that of their squares.
+/// Sums of the samples and of their squares.
 #[derive(Debug, Clone, Copy, Default)]
 struct Sums {
     count: u32,
@@ -126,16 +126,15 @@ impl Sums {
     }
 }
 
-/// The samples of all pixels so far.
+/// Samples of all pixels so far.
 struct Film {
     sums: Vec<Sums>,
     pixels_per_view: usize,
 }
 
 impl Film {
-    /// How many samples of each pixel to draw next. All pixels get as many: one that stops
-    /// when its own samples agree stops before it has met its rare bright ones, and stays
-    /// too dark.
+    /// Number of samples per pixel to draw next, the same for all pixels. A pixel that stops when
+    /// its own samples agree would stop before rare bright samples occur, and be biased low.
     fn next_round(&self, settings: &MonteCarloSettings) -> u32 {
         settings.next_round(self.sums[0].count, self.noise())
     }
@@ -154,7 +153,7 @@ impl Film {
         if count > 0.0 { f64::sqrt(squares / count) } else { 0.0 }
     }
 
-    /// How far the work is.
+    /// Progress of the rendering.
     fn progress(&self, settings: &MonteCarloSettings) -> Progress {
         let (noise, samples_per_pixel) = (self.noise(), self.sums[0].count);
         let by_number = f64::from(samples_per_pixel) / f64::from(settings.samples_per_pixel);
@@ -163,12 +162,12 @@ impl Film {
     }
 }
 
-/// The mean of the brightest pixel.
+/// Mean radiance of the brightest pixel.
 fn brightest(sums: &[Sums]) -> f64 {
     sums.iter().map(Sums::mean).fold(0.0, f64::max)
 }
 
-/// The images of `scene`, parallel over pixels.
+/// Render the images of `scene`, in parallel over pixels.
 pub(super) fn render(
     scene: &Scene,
     views: &[View],
@@ -196,7 +195,7 @@ pub(super) fn render(
                 tracer.radiance(&views[view].ray(row + up, col + right), &mut rng)
             }))
         };
-        // A round that was stopped is dropped: its pixels would not be equally well known.
+        // An interrupted round is discarded, because its pixels would differ in their uncertainty.
         let pixels = (0..film.sums.len()).into_par_iter();
         let Some(drawn) = pixels.map(draw).collect::<Option<Vec<_>>>() else {
             interrupted = true;
@@ -212,7 +211,7 @@ pub(super) fn render(
     let stack = |value: fn(Radiance) -> f64| {
         let values = film.sums.iter().map(|sums| value(sums.radiance(irradiance)) as f32);
         let shape = (views.len(), rows, cols);
-        ViewStack::new(Array3::from_shape_vec(shape, values.collect()).expect("its shape"))
+        ViewStack::new(Array3::from_shape_vec(shape, values.collect()).expect("matching shape"))
     };
     Ok(Rendering {
         images: stack(|radiance| radiance.mean)?,
@@ -220,10 +219,11 @@ pub(super) fn render(
         samples_per_pixel: film.sums[0].count,
         interrupted,
         converged: true,
+        estimated_error: None,
     })
 }
 
-/// The radiance along each ray, parallel over rays.
+/// Radiance along each ray, computed in parallel over rays.
 pub(super) fn radiances(
     scene: &Scene,
     rays: &[Ray],

@@ -1,4 +1,4 @@
-//! Light paths, from the camera backwards to the Sun.
+//! Photon paths, traced backwards from the camera to the Sun.
 
 use super::air_column::AirColumn;
 use super::field::{Field, Heading};
@@ -11,16 +11,16 @@ use crate::rng::{RngExt, Stream};
 use crate::scene::{Scene, Surface};
 use std::f64::consts::PI;
 
-/// Paths of less throughput than this live on by chance.
+/// Throughput below which a path is subject to Russian roulette.
 pub(super) const ROULETTE: f64 = 0.3;
-/// Sunlight that adds less than this (1/sr) at one droplet is added by chance.
+/// Contribution of sunlight (1/sr) at a droplet below which it is subject to Russian roulette.
 const FAINT: f64 = 0.01;
-/// The same at a molecule or the surface, of which a path meets few.
+/// The same at a molecule or the surface, which a path meets less often.
 const FAINTER: f64 = 1e-4;
 /// Mean number of branches towards the Sun at a molecule or the surface.
 const BRANCHES_OUTSIDE: f64 = 0.5;
 
-/// Everything that a path needs to know of the scene.
+/// Scene data required to trace a path.
 #[derive(Debug)]
 pub(super) struct Tracer {
     field: Field,
@@ -30,12 +30,12 @@ pub(super) struct Tracer {
     surface: Surface,
     /// Altitude of the surface in the field's coordinates.
     ground: f64,
-    /// The medium, and those without the forward peak.
+    /// The medium, followed by those with a truncated forward peak.
     stages: Vec<Stage>,
     similarity_after: u32,
 }
 
-/// A path on its way: it came to `at` in `direction`, or goes on from there.
+/// State of a path, which arrived at `at` in `direction` or continues from there.
 #[derive(Debug, Clone, Copy)]
 struct Path {
     at: DVec3,
@@ -45,7 +45,7 @@ struct Path {
     meets: Meets,
 }
 
-/// What a path meets.
+/// The scatterer that a path meets.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Meets {
     Droplet,
@@ -53,7 +53,7 @@ enum Meets {
 }
 
 impl Tracer {
-    /// Make a scene ready.
+    /// Prepare a scene for tracing.
     pub(super) fn new(scene: &Scene, similarity_after: Option<u32>) -> Result<Self> {
         let field = Field::new(&scene.medium, scene.boundary);
         let sun = field.heading(scene.sun.towards());
@@ -69,14 +69,14 @@ impl Tracer {
         })
     }
 
-    /// The medium that light meets after a number of scatterings.
+    /// The medium through which light passes after a number of scatterings.
     #[inline]
     fn stage(&self, scatterings: u32) -> &Stage {
         let number = (scatterings + 1).saturating_sub(self.similarity_after) as usize;
         &self.stages[number.min(self.stages.len() - 1)]
     }
 
-    /// What a collision of a path does.
+    /// Scattering properties at the collision of a path.
     #[inline]
     fn collision<'a>(&'a self, path: &Path) -> Collision<'a> {
         let scattering = &self.stage(path.scatterings).scattering;
@@ -93,10 +93,10 @@ impl Tracer {
         }
     }
 
-    /// One sample of the radiance (1/sr, per unit irradiance) that comes along a ray.
+    /// One sample of the radiance (1/sr, per unit irradiance) along a ray.
     ///
-    /// What the ray sees first is not left to chance: it sees cloud, air and surface, each
-    /// through what is before it.
+    /// The type of the first event is not sampled: cloud, molecular atmosphere and surface all
+    /// contribute, each attenuated by the media in front of it.
     pub(super) fn radiance(&self, ray: &Ray, rng: &mut Stream) -> f64 {
         let mut paths = Vec::new();
         let mut radiance = self.look(ray, &mut paths, rng);
@@ -106,7 +106,8 @@ impl Tracer {
         radiance
     }
 
-    /// The first collisions along a ray, in `paths`, and what the surface reflects.
+    /// Push the first collisions along a ray onto `paths` and return the light that the surface
+    /// reflects.
     fn look(&self, ray: &Ray, paths: &mut Vec<Path>, rng: &mut Stream) -> f64 {
         let origin = self.field.local(ray.origin);
         let heading = self.field.heading(ray.direction);
@@ -150,8 +151,8 @@ impl Tracer {
         }
     }
 
-    /// A collision at `path.at`: the sunlight that is scattered into the path there.
-    /// The path and its branches go on to their next collisions, in `paths`.
+    /// Sunlight scattered into the path by a collision at `path.at`. The path and its branches
+    /// continue to their next collisions, which are pushed onto `paths`.
     fn collide(&self, path: Path, paths: &mut Vec<Path>, rng: &mut Stream) -> f64 {
         let Path { at, direction, scatterings, .. } = path;
         let collision = self.collision(&path);
@@ -161,9 +162,9 @@ impl Tracer {
         let faint = if path.meets == Meets::Droplet { FAINT } else { FAINTER };
         let mut radiance = self.sunlight(&path, weight, faint, rng);
 
-        // Light of all other directions: some of them are drawn around the Sun. Each
-        // direction counts by its chance to be drawn in either way (Veach 1997,
-        // section 9.2), so that none counts much.
+        // Light from all other directions, some of which are sampled around the Sun. Each direction
+        // is weighted by its combined probability density under both sampling methods (Veach 1997,
+        // section 9.2), so that no contribution is large.
         let stage = self.stage(scatterings);
         let (expected, share, lobe) = match path.meets {
             Meets::Droplet => {
@@ -197,8 +198,9 @@ impl Tracer {
         radiance
     }
 
-    /// Go on to the next collision, with a droplet or a molecule, whichever comes first;
-    /// what the surface reflects if that comes before both.
+    /// Continue to the next collision, with a droplet or a molecule, whichever comes first, and
+    /// push it onto `paths`. Returns the light that the surface reflects if the path reaches it
+    /// first.
     fn fly(&self, path: Path, paths: &mut Vec<Path>, rng: &mut Stream) -> f64 {
         let heading = self.field.heading(path.direction);
         let depth = exponential(rng) / self.stage(path.scatterings).extinction;
@@ -221,13 +223,14 @@ impl Tracer {
         }
     }
 
-    /// Light that the surface reflects at `path.at`: sunlight, and all other light.
+    /// Light that the surface reflects at `path.at`: direct sunlight, and light from all other
+    /// directions.
     fn reflect(&self, path: Path, paths: &mut Vec<Path>, rng: &mut Stream) -> f64 {
         let (sun, away) = (self.sun.direction, -path.direction);
         let weight = path.throughput * self.surface.reflectance(away, sun) * sun.z;
         let mut radiance = self.sunlight(&path, weight, FAINTER, rng);
-        // All other light, as at a collision: of directions that the surface favours, and of
-        // some around the Sun, as a cloud may be on the way there.
+        // All other light, as at a collision: some directions are sampled from the reflectance of
+        // the surface and some around the Sun, because a cloud may lie in that direction.
         let stage = self.stage(path.scatterings);
         let (lobe, waves) = (stage.anywhere(), self.surface.waves);
         let share = if stage.asymmetry == 0.0 { 0.0 } else { BRANCHES_OUTSIDE };
@@ -260,17 +263,17 @@ impl Tracer {
         radiance
     }
 
-    /// `weight` times the transmittance from where a path is to the Sun. A contribution
-    /// below `faint` is rounded up to it or down to nothing by chance, so that a walk
-    /// towards the Sun ends where too little is left.
+    /// `weight` times the transmittance from the position of a path to the Sun. A contribution
+    /// below `faint` is set to `faint` or to zero at random, so that the traversal towards the Sun
+    /// ends where too little is left.
     #[inline]
     fn sunlight(&self, path: &Path, weight: f64, faint: f64, rng: &mut Stream) -> f64 {
         let least = faint * (1.0 - rng.random::<f64>());
         if weight < least {
             return 0.0;
         }
-        // All that comes to a collision comes through the medium of the next one, sunlight
-        // too: what a later stage does not scatter is in it.
+        // Light that arrives at a collision, sunlight included, has passed through the medium of
+        // the next stage: it contains the light whose scattering that stage omits.
         let extinction = self.stage(path.scatterings + 1).extinction;
         let altitude = self.field.point(path.at).z;
         let air = self.air.optical_depth(altitude, f64::INFINITY, self.sun.direction.z);
@@ -282,8 +285,8 @@ impl Tracer {
         (weight * (-depth * extinction).exp()).max(faint)
     }
 
-    /// Where a ray that left the medium meets the surface; `None` for a black surface
-    /// and for rays that go up.
+    /// Point where a ray that left the medium meets the surface; `None` for a black surface and for
+    /// upward rays.
     #[inline]
     fn footprint(&self, at: DVec3, heading: &Heading) -> Option<DVec3> {
         (!self.surface.is_black() && heading.local.z < 0.0).then(|| {
@@ -293,13 +296,13 @@ impl Tracer {
     }
 }
 
-/// A number from the exponential distribution: an optical depth.
+/// A random optical depth from the exponential distribution.
 #[inline]
 pub(super) fn exponential(rng: &mut Stream) -> f64 {
     -(1.0 - rng.random::<f64>()).ln()
 }
 
-/// Russian roulette: whether a path lives on. One that does carries the throughput of
+/// Russian roulette: whether a path continues. A path that continues also carries the throughput of
 /// those that do not.
 #[inline]
 pub(super) fn survives(throughput: &mut f64, least: f64, rng: &mut Stream) -> bool {
@@ -311,9 +314,9 @@ pub(super) fn survives(throughput: &mut f64, least: f64, rng: &mut Stream) -> bo
     lives
 }
 
-/// A unit vector at an angle of the given cosine to `axis`, at a random azimuth: a
-/// point in the unit disc gives the azimuth without trigonometry (von Neumann 1951),
-/// the frame is that of Duff et al. (2017).
+/// Random unit vector at an angle of the given cosine to `axis`, with a uniformly distributed
+/// azimuth. A point in the unit disc gives the azimuth without trigonometric functions (von Neumann
+/// 1951); the frame is that of Duff et al. (2017).
 #[inline]
 pub(super) fn turn(axis: DVec3, cosine: f64, rng: &mut Stream) -> DVec3 {
     let (u, v, square) = loop {

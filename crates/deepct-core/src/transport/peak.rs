@@ -1,34 +1,34 @@
-//! The forward peak of a phase function, taken away step by step.
+//! Stepwise truncation of the forward peak of a phase function.
 //!
-//! Light that is scattered by a small angle goes on nearly as if it had not been
-//! scattered. After some scatterings a path is spread over so many directions that the
-//! difference no longer shows: a share of the collisions may be left out, extinction
-//! lowered by as much, and the peak of the phase function cut off (Potter 1970). Light
-//! that has scattered more often bears more of it (Iwabuchi 2006).
+//! Light scattered by a small angle continues almost as if it had not been scattered. After several
+//! scatterings a path is spread over so many directions that the difference is negligible: a
+//! fraction of the collisions can be omitted, the extinction reduced accordingly, and the peak of
+//! the phase function truncated (Potter 1970). The fraction may grow with the number of scatterings
+//! (Iwabuchi 2006).
 
 use crate::error::Result;
 use crate::optics::{Collision, DropletOptics, DropletTable, PhaseFunction, Scattering};
 use std::f64::consts::PI;
 use std::sync::Arc;
 
-/// Shares of all collisions left out: in the first stage without the peak, the second
-/// and so on. The last one lasts.
+/// Fraction of all collisions omitted in each truncated stage, in order. The last stage applies to
+/// all further scatterings.
 const LEFT_OUT: [f64; 3] = [0.3, 0.4, 0.5];
-/// Angles at which a phase function is looked at; they lie closest near the peak.
+/// Number of angles at which a phase function is sampled; they are densest near the peak.
 const ANGLES: usize = 1500;
-/// The peak is sought within this angle (radians).
+/// Largest angle (radians) within which the peak is sought.
 const WIDEST: f64 = 1.2;
 
-/// A medium that is like another one but for collisions that hardly turn light.
+/// A medium from which a fraction of the collisions that hardly deflect light is omitted.
 #[derive(Debug, Clone)]
 pub(super) struct Stage {
-    /// Extinction over that of the medium.
+    /// Extinction relative to that of the original medium.
     pub(super) extinction: f64,
-    /// What the collisions that are left do.
+    /// Scattering by the remaining collisions.
     pub(super) scattering: Scattering,
-    /// Mean cosine of the scattering angle; the least one of droplets of all sizes.
+    /// Mean cosine of the scattering angle; the smallest one over all droplet sizes.
     pub(super) asymmetry: f64,
-    /// A phase function with the peak of those of the medium.
+    /// A phase function that represents the forward peak of the medium.
     peak: PhaseFunction,
 }
 
@@ -41,20 +41,20 @@ impl Stage {
             Scattering::Droplets { table, .. } => {
                 let phases = || table.nodes().iter().map(|node| &node.phase_function);
                 let least = phases().map(PhaseFunction::asymmetry).fold(f64::INFINITY, f64::min);
-                (least, phases().nth(table.nodes().len() / 2).expect("a node").clone())
+                (least, phases().nth(table.nodes().len() / 2).expect("a table entry").clone())
             }
         };
         Self { extinction, scattering, asymmetry: asymmetry.max(0.0), peak }
     }
 
-    /// A collision somewhere in the medium.
+    /// A collision with the representative phase function, independent of position.
     pub(super) fn anywhere(&self) -> Collision<'_> {
         let phase_functions = [&self.peak; 2];
         Collision { single_scattering_albedo: 1.0, phase_functions, share: 0.0 }
     }
 }
 
-/// The medium itself, and the stages that follow on it: none where there is no peak.
+/// The original medium, followed by its truncated stages; no such stages without a forward peak.
 pub(super) fn stages(scattering: &Scattering) -> Result<Vec<Stage>> {
     let mut stages = vec![Stage::new(1.0, scattering.clone())];
     for left_out in LEFT_OUT {
@@ -65,9 +65,9 @@ pub(super) fn stages(scattering: &Scattering) -> Result<Vec<Stage>> {
     Ok(stages)
 }
 
-/// The scattering that is left when the share `left_out` of all collisions is not
-/// counted; `None` when a peak is too low for that. The share is the same for all
-/// droplets, as one factor scales the extinction of all voxels.
+/// Scattering that remains if the fraction `left_out` of all collisions is omitted; `None` if a
+/// peak is too weak for that. The fraction is the same for all droplet sizes, because one factor
+/// scales the extinction of all voxels.
 fn without_peak(scattering: &Scattering, left_out: f64) -> Result<Option<Scattering>> {
     match scattering {
         Scattering::Uniform { single_scattering_albedo: albedo, phase_function } => {
@@ -97,20 +97,20 @@ fn without_peak(scattering: &Scattering, left_out: f64) -> Result<Option<Scatter
     }
 }
 
-/// The albedo of the collisions that are left.
+/// Single-scattering albedo of the remaining collisions.
 fn rest(albedo: f64, left_out: f64) -> f64 {
     ((albedo - left_out) / (1.0 - left_out)).clamp(0.0, 1.0)
 }
 
-/// A phase function without the share `peak` of its light. Within some angle of the
-/// forward direction it becomes a hill, linear in the cosine and level with the rest at
-/// its foot; the angle is the one at which hill and peak together, the peak straight
-/// on, have the mean cosine that was there before. `None` when there is no such angle.
+/// Phase function without the share `peak` of its light. Within a certain angle of the forward
+/// direction it becomes linear in the cosine, continuous with the remaining function at that angle.
+/// The angle is chosen such that this linear part and the removed peak, taken as exactly forward,
+/// together have the original mean cosine. `None` if there is no such angle.
 fn cut(phase: &PhaseFunction, peak: f64) -> Result<Option<PhaseFunction>> {
     let angle = |number: usize| PI * (number as f64 / ANGLES as f64).powi(2);
     let mut cosines = vec![1.0];
     let mut densities = vec![phase.density(1.0)];
-    // Integrals over the cap of the density, and of the density times 1 - cosine.
+    // Integrals over the forward cap of the density, and of the density times 1 - cosine.
     let (mut light, mut bent) = (0.0, 0.0);
     for number in 1..ANGLES {
         let theta = angle(number);
@@ -124,7 +124,8 @@ fn cut(phase: &PhaseFunction, peak: f64) -> Result<Option<PhaseFunction>> {
         bent += 0.5 * width * (density * (1.0 - cosine) + above * (1.0 - before));
         cosines.push(cosine);
         densities.push(density);
-        // A hill from `top` to `density` over the cap bends as much light.
+        // A linear function from `top` to `density` over the cap with the same integral
+        // of the density times 1 - cosine.
         let depth = 1.0 - cosine;
         let top = 6.0 * bent / (2.0 * PI * depth * depth) - 2.0 * density;
         let hill = PI * depth * (top + density);
@@ -136,7 +137,8 @@ fn cut(phase: &PhaseFunction, peak: f64) -> Result<Option<PhaseFunction>> {
     Ok(None)
 }
 
-/// A phase function up to a cosine, and from there a line to `top` at 1.
+/// Phase function that equals `phase` up to the cosine `foot` and is linear from there to `top` at
+/// a cosine of 1.
 fn hilled(phase: &PhaseFunction, foot: f64, top: f64) -> Result<PhaseFunction> {
     let first = foot.acos();
     let steps = 200;
@@ -165,7 +167,8 @@ mod tests {
             .sum()
     }
 
-    /// The peak, straight on, and the rest have the first two moments of the whole.
+    /// The exactly forward peak and the remaining phase function together have the first two
+    /// moments of the original.
     #[test]
     fn what_is_left_and_the_peak_turn_light_as_much_as_the_whole() {
         let greenstein = PhaseFunction::henyey_greenstein(0.85).unwrap();
@@ -181,7 +184,7 @@ mod tests {
         }
     }
 
-    /// Sideways and backwards nothing changes but that fewer collisions count.
+    /// Sideways and backwards, the light scattered per path length is unchanged.
     #[test]
     fn far_from_the_peak_scattering_is_the_same() {
         let whole = PhaseFunction::henyey_greenstein(0.85).unwrap();
@@ -191,7 +194,7 @@ mod tests {
         for stage in &stages {
             let collision = stage.scattering.at([0; 3]);
             let scattered = stage.extinction * collision.single_scattering_albedo;
-            assert!((stage.extinction - scattered - 0.1).abs() < 1e-12, "absorption stays");
+            assert!((stage.extinction - scattered - 0.1).abs() < 1e-12, "absorption is unchanged");
             for cosine in [-0.9, -0.2, 0.3] {
                 let found = scattered * collision.density(cosine);
                 let expected = 0.9 * whole.density(cosine);

@@ -1,4 +1,4 @@
-//! Photons from the Sun, and where they leave: fluxes of the whole medium.
+//! Fluxes of the whole medium: photons traced from the Sun to where they leave.
 
 use super::air_column::AirColumn;
 use super::check_scene;
@@ -27,44 +27,44 @@ impl Default for FluxSettings {
     }
 }
 
-/// A share of the sunlight that shines on the top face of the grid, and its standard
-/// error.
+/// A share of the sunlight incident on the top face of the grid, with its standard error.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Share {
-    /// The mean over the photons.
+    /// Mean over the photons.
     pub mean: f64,
-    /// Its standard error.
+    /// Standard error of the mean.
     pub standard_error: f64,
 }
 
-/// Where the sunlight goes that shines on the top face of the grid.
+/// Destinations of the sunlight incident on the top face of the grid.
 ///
-/// The first four shares are net fluxes through the faces of the grid: what air or
-/// surface send back in counts against what left. They add up to 1, and so do
-/// `absorbed`, `upward` and `downward`, which tell where the light is in the end.
+/// `reflected`, `transmitted` and `sides` are net fluxes through the faces of the grid: light that
+/// the molecular atmosphere or the surface sends back in is subtracted from the light that left.
+/// Together with `absorbed` they add up to 1. `absorbed`, `upward` and `downward`, which give the
+/// final destination of the light, also add up to 1.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Fluxes {
-    /// Does not come in through the top face, or leaves through it upwards.
+    /// Light that does not enter through the top face, or leaves upwards through it.
     pub reflected: Share,
-    /// Leaves downwards through the bottom face, scattered or not.
+    /// Light that leaves downwards through the bottom face, scattered or not.
     pub transmitted: Share,
-    /// Leaves through the sides.
+    /// Light that leaves through the sides.
     pub sides: Share,
-    /// Stays in the droplets.
+    /// Light absorbed by the droplets.
     pub absorbed: Share,
-    /// Goes to space, through any face.
+    /// Light that escapes to space, through any face.
     pub upward: Share,
-    /// Stays in the surface.
+    /// Light absorbed by the surface.
     pub downward: Share,
-    /// Comes to the surface without having been scattered.
+    /// Light that reaches the surface without having been scattered.
     pub unscattered: Share,
 }
 
-/// Photons that run together on one random stream.
+/// Number of photons that share one random number stream.
 const BATCH: u64 = 4096;
 /// Number of shares counted.
 const SHARES: usize = 7;
-// Their numbers, in the order of `Fluxes`; the faces of the grid come first.
+// Indices of the shares, in the order of `Fluxes`; the faces of the grid come first.
 const TOP: usize = 0;
 const BOTTOM: usize = 1;
 const SIDES: usize = 2;
@@ -73,12 +73,12 @@ const UPWARD: usize = 4;
 const DOWNWARD: usize = 5;
 const UNSCATTERED: usize = 6;
 
-/// Trace photons that the Sun shines on the top face of the grid until they are in space,
-/// in the surface or in a droplet. The sunlight that shines on other places is not
-/// followed.
+/// Trace photons that the Sun sends onto the top face of the grid until they escape to space or are
+/// absorbed by the surface or a droplet. Sunlight incident elsewhere is not traced.
 ///
 /// # Errors
-/// Fewer than two photons, or a trilinear medium with a single layer.
+/// Fails if there are fewer than two photons, or if a trilinear medium has only one voxel along an
+/// axis.
 pub fn fluxes(scene: &Scene, settings: FluxSettings) -> Result<Fluxes> {
     check_scene(scene)?;
     if settings.photons < 2 {
@@ -117,7 +117,7 @@ pub fn fluxes(scene: &Scene, settings: FluxSettings) -> Result<Fluxes> {
     })
 }
 
-/// Everything that a photon needs to know of the scene.
+/// Scene data required to trace a photon.
 struct World<'a> {
     scene: &'a Scene,
     field: Field,
@@ -125,16 +125,17 @@ struct World<'a> {
     /// Corners of the grid, at infinity along x and y where it is periodic.
     lower: DVec3,
     upper: DVec3,
-    /// The way from the start of a photon to the top face (km): it starts above all air.
+    /// Distance from the start of a photon to the top face (km): photons start above the molecular
+    /// atmosphere.
     start: f64,
 }
 
-/// A photon on its way, in the field's coordinates.
+/// State of a photon, in the coordinates of the field.
 struct Photon {
     at: DVec3,
     direction: DVec3,
     weight: f64,
-    /// Whether it is in the grid.
+    /// Whether it is inside the grid.
     inside: bool,
     scattered: bool,
     shares: [f64; SHARES],
@@ -154,7 +155,7 @@ impl<'a> World<'a> {
         Self { scene, field: Field::new(&scene.medium, scene.boundary), air, lower, upper, start }
     }
 
-    /// One photon: what it adds to each share.
+    /// Trace one photon; returns its contribution to each share.
     fn trace(&self, rng: &mut Stream) -> [f64; SHARES] {
         let grid = &self.scene.medium.extinction.grid;
         let top = DVec3::new(rng.random(), rng.random(), 1.0);
@@ -167,7 +168,7 @@ impl<'a> World<'a> {
             scattered: false,
             shares: [0.0; SHARES],
         };
-        // All of it is reflected as long as nothing has come in through the top.
+        // All light counts as reflected until it enters through the top face.
         photon.shares[TOP] = 1.0;
         while photon.weight > 0.0 {
             self.fly(&mut photon, rng);
@@ -175,7 +176,7 @@ impl<'a> World<'a> {
         photon.shares
     }
 
-    /// From one place to the next: a droplet, a molecule, the surface, or space.
+    /// Advance to the next event: a droplet, a molecule, the surface, or space.
     fn fly(&self, photon: &mut Photon, rng: &mut Stream) {
         let heading = self.field.heading(photon.direction);
         let droplet = self.field.free_path(photon.at, &heading, exponential(rng));
@@ -229,8 +230,8 @@ impl<'a> World<'a> {
         }
     }
 
-    /// The surface keeps a share of the light and sends the rest back: into a direction of
-    /// all alike, or of those that the waves favour.
+    /// Absorb part of the light at the surface and reflect the rest, in a direction drawn from the
+    /// Lambertian distribution or from that of the waves.
     fn reflect(&self, photon: &mut Photon, rng: &mut Stream) {
         let (surface, away) = (&self.scene.surface, -photon.direction);
         if !photon.scattered {
@@ -262,8 +263,9 @@ impl<'a> World<'a> {
         }
     }
 
-    /// Count the faces of the grid that are passed on a way of `distance` (km) which ends
-    /// inside or outside of it: outwards as a gain of their shares, inwards as a loss.
+    /// Count the faces of the grid crossed over `distance` (km) on a path that ends inside or
+    /// outside of the grid: outward crossings add to the share of the face, inward crossings
+    /// subtract.
     fn advance(&self, photon: &mut Photon, distance: f64, inside: bool) {
         let was_inside = std::mem::replace(&mut photon.inside, inside);
         if was_inside && inside {
@@ -277,7 +279,7 @@ impl<'a> World<'a> {
                 Some((enter, _)) if inside || enter < distance => {
                     photon.shares[self.face(ray.at(enter), !rises)] -= photon.weight;
                 }
-                // A rounding error: it is inside, so it came in.
+                // A rounding error: the photon is inside, so it has entered.
                 None if inside => photon.shares[if rises { BOTTOM } else { TOP }] -= photon.weight,
                 _ => return,
             }
@@ -292,7 +294,7 @@ impl<'a> World<'a> {
         }
     }
 
-    /// The face of the grid that a point lies on: the top or the bottom, or else a side.
+    /// Face of the grid on which a point lies: the top or the bottom, or else a side.
     fn face(&self, point: DVec3, top: bool) -> usize {
         let (face, plane) = if top { (TOP, self.upper.z) } else { (BOTTOM, self.lower.z) };
         let near = (point.z - plane).abs() < 1e-9 * (self.upper.z - self.lower.z);

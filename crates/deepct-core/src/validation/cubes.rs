@@ -1,4 +1,4 @@
-//! An isolated cube and a sphere, against an analogue Monte Carlo code of its own.
+//! Isolated cubes and a sphere, compared with a separate analogue Monte Carlo code.
 
 use super::{Reference, Report, scene, unit_grid};
 use crate::error::Result;
@@ -8,8 +8,8 @@ use crate::transport::Share;
 use ndarray::{Array3, Axis};
 use std::f64::consts::PI;
 
-/// Optical depth, asymmetry, cosine of the Sun's zenith; shares reflected, transmitted
-/// and lost through the sides; the standard errors of the first two.
+/// Optical depth, asymmetry parameter, cosine of the solar zenith angle; fractions reflected,
+/// transmitted and lost through the sides; standard errors of the first two fractions.
 type Cube = (f64, f64, f64, [f64; 3], [f64; 2]);
 
 const CUBES: [Cube; 5] = [
@@ -20,8 +20,8 @@ const CUBES: [Cube; 5] = [
     (10.0, 0.0, 1.0, [0.51023, 0.01543, 0.47434], [11e-5, 3e-5]),
 ];
 
-/// Voxels along the diameter of the sphere, and how far its shares are off because it
-/// is made of voxels: they change by less than this from 40 to 160 voxels.
+/// Voxels along the diameter of the sphere, and the discretisation error of its flux fractions,
+/// which change by less than this between 40 and 160 voxels.
 const SPHERE_VOXELS: usize = 80;
 const SPHERE_VOXEL_ERROR: f64 = 5e-4;
 
@@ -42,12 +42,12 @@ pub(super) fn run(mut report: Report) -> Result<()> {
     sphere(&mut report)
 }
 
-/// A sphere of optical diameter 10 in a box that it touches: what enters the top face
+/// A sphere of optical diameter 10 inscribed in a cubic domain. Light that enters the top face
 /// beside the sphere leaves unscattered through the bottom.
 fn sphere(report: &mut Report) -> Result<()> {
     let scene = scene(sphere_of_voxels()?, 1.0, 0.85, 1.0)?;
     let fluxes = report.fluxes(&scene, 0.02)?;
-    // The share of the light that the sphere meets, which is pi / 4 of the box.
+    // Relative to the light incident on the sphere, whose cross-section is pi / 4 of the domain's.
     let area = PI / 4.0;
     let upward = Share {
         mean: fluxes.upward.mean / area,
@@ -56,19 +56,20 @@ fn sphere(report: &mut Report) -> Result<()> {
     let expected = Reference { systematic: SPHERE_VOXEL_ERROR, ..Reference::new(0.24474, 1e-4) };
     let direct = Reference::new(transmittance_of_columns(&scene.medium.extinction), 0.0);
     report.compare(&[
-        ("sphere, tau 10, g 0.85: upwards".into(), upward, expected),
-        ("sphere and around it: unscattered".into(), fluxes.unscattered, direct),
+        ("sphere, tau 10, g 0.85: upward".into(), upward, expected),
+        ("sphere and surroundings: unscattered".into(), fluxes.unscattered, direct),
     ]);
     Ok(())
 }
 
-/// The mean over all columns of the transmittance straight down.
+/// The mean over all columns of the vertical direct transmittance.
 fn transmittance_of_columns(extinction: &Volume) -> f64 {
     let depths = extinction.values.mapv(f64::from).sum_axis(Axis(0)) * extinction.grid.spacing.z;
     depths.mapv(|depth| (-depth).exp()).mean().unwrap_or(1.0)
 }
 
-/// Voxels that the surface cuts hold the part that is inside, found on 8^3 points.
+/// The extinction of the sphere. Voxels cut by its surface are weighted by the fraction inside,
+/// evaluated at 8^3 points.
 fn sphere_of_voxels() -> Result<Volume> {
     let grid = unit_grid(SPHERE_VOXELS)?;
     let parts = 8;

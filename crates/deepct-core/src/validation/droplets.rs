@@ -1,4 +1,4 @@
-//! Droplets: the layer of cloud C.1 of DISORT's tests, and a table of another code.
+//! Droplet optics: the layer of cloud C.1 of DISORT's tests, and a table of another code.
 
 use super::slabs::{along, times};
 use super::{Reference, Report, unit_grid};
@@ -11,10 +11,10 @@ use num_complex::Complex64;
 use std::f64::consts::PI;
 use std::path::Path;
 
-/// Reflectance and transmittance of a layer of optical depth 64 without absorption under
-/// a Sun in the zenith: DISORT's test, after Garcia and Siewert (1985).
+/// Reflectance and transmittance of a layer of optical depth 64 without absorption for a Sun in the
+/// zenith: DISORT's test after Garcia and Siewert (1985).
 const LAYER: [f64; 2] = [0.84726, 0.15274];
-/// Cosine of the view's zenith and radiance up at its top for a beam of flux pi.
+/// Cosine of the view zenith angle and upward radiance at the top for a beam of flux pi.
 const RADIANCES: [(f64, f64); 3] = [(1.0, 1.07196), (0.5, 0.772983), (0.1, 0.458927)];
 
 pub(super) fn run(mut report: Report, reference: Option<&Path>) -> Result<()> {
@@ -28,8 +28,9 @@ pub(super) fn run(mut report: Report, reference: Option<&Path>) -> Result<()> {
     Ok(())
 }
 
-/// Deirmendjian's (1969) cloud C.1, n(r) as r^6 exp(-1.5 r): that is the gamma
-/// distribution of effective radius 6 um and variance 1/9. At 0.7 um with n = 1.33.
+/// A layer of Deirmendjian's (1969) cloud C.1, with n(r) proportional to r^6 exp(-1.5 r), which is
+/// the gamma distribution of effective radius 6 um and effective variance 1/9. The wavelength is
+/// 0.7 um and the refractive index 1.33.
 fn layer(report: &mut Report) -> Result<()> {
     let settings = DropletSettings {
         refractive_index: Some(Complex64::new(1.33, 0.0)),
@@ -57,11 +58,11 @@ fn layer(report: &mut Report) -> Result<()> {
     Ok(())
 }
 
-/// Extinction and mean cosine by effective radius against tables of AT3D.
+/// Compares extinction, asymmetry parameter and single-scattering albedo with tables of AT3D.
 #[cfg(feature = "files")]
 fn table(report: &mut Report, folder: &Path) -> Result<()> {
     use crate::transport::Share;
-    /// The accuracy that is asked for, relative and absolute.
+    /// Required accuracy: relative for the extinction, absolute for the asymmetry parameter.
     const ACCURACY: f64 = 1e-3;
     let expected = crate::io::read_reference_droplets(&folder.join("mie_water_672nm.nc"))?;
     let radii: Vec<f64> = expected.iter().map(|row| row.effective_radius).collect();
@@ -73,7 +74,7 @@ fn table(report: &mut Report, folder: &Path) -> Result<()> {
         let extinction = expected.extinction_per_water;
         report.compare(&[
             (
-                case("extinction by water"),
+                case("extinction per liquid water content"),
                 exact(found.extinction_per_water),
                 within(extinction, ACCURACY * extinction),
             ),

@@ -1,5 +1,5 @@
-//! Derivatives of the deterministic solver against central differences of itself, and
-//! against those of other codes.
+//! Derivatives by the discrete-ordinates solver, compared with its own central differences and with
+//! the derivatives of other codes.
 
 use super::{Reference, Report};
 use crate::error::Result;
@@ -13,20 +13,23 @@ use crate::transport::{OrdinatesModel, OrdinatesSettings, Share};
 use ndarray::Array3;
 use std::path::Path;
 
-/// How far off a derivative may be from a central difference, over its value.
+/// Accepted relative difference between a derivative and the central difference.
 const ACCURACY: f64 = 0.02;
-/// Voxels and directions of all voxels that each derivative is looked at in.
+/// Number of single voxels, and of random directions that change all voxels, in which each
+/// derivative is tested.
 const VOXELS: usize = 8;
 const DIRECTIONS: usize = 4;
-/// The larger of two steps: of a voxel, as an optical depth across it, and of a direction,
-/// over the extinction. Large enough to stand out of single precision.
+/// The larger of the two steps of a central difference: for a single voxel as an optical depth
+/// across it, and for a direction relative to the extinction. The steps are large compared with the
+/// rounding errors of single precision.
 const DEPTH_STEP: f64 = 0.5;
 const RELATIVE_STEP: f32 = 0.1;
-/// Voxels have a derivative of this, or more, of the root mean square of all.
+/// Voxels are tested if their derivative exceeds this fraction of the root mean square of all.
 const SLOPE: f32 = 0.25;
 /// The tolerance of the solver.
 const TOLERANCE: f64 = 3e-7;
-/// The misfit is to images of the cloud times this, so that it has a slope at the cloud.
+/// The measured images are those of the cloud with its extinction multiplied by this factor, so
+/// that the gradient of the misfit does not vanish at the cloud.
 const MEASURED: f32 = 0.7;
 /// The zenith angle of the Sun (degrees).
 const SUN_ZENITH_DEG: f64 = 30.0;
@@ -36,6 +39,7 @@ pub(super) fn run(mut report: Report, reference: Option<&Path>) -> Result<()> {
     let zenith_angles = if thorough { 8 } else { 4 };
     let blob = Case { name: "blob", cloud: blob()?, pixel_km: 0.05, zenith_angles };
     blob.compare(&mut report)?;
+    super::photon_gradients::run(&mut report)?;
     #[cfg(feature = "files")]
     if let Some(folder) = reference {
         let cloud = crate::io::read_volume(folder.join("rico32_cloud.nc"))?;
@@ -48,7 +52,7 @@ pub(super) fn run(mut report: Report, reference: Option<&Path>) -> Result<()> {
     Ok(())
 }
 
-/// A lump of cloud, thickest in its middle, uneven.
+/// An inhomogeneous cloud whose extinction tends to increase towards its centre.
 fn blob() -> Result<Volume> {
     let grid = Grid::new(DVec3::new(0.0, 0.0, 0.6), DVec3::new(0.05, 0.05, 0.04), [8, 9, 10])?;
     let values = Array3::from_shape_fn(grid.shape, |(k, j, i)| {
@@ -59,7 +63,7 @@ fn blob() -> Result<Volume> {
     Volume::new(grid, values)
 }
 
-/// A cloud seen from three sides.
+/// A cloud with three views of it.
 struct Case {
     name: &'static str,
     cloud: Volume,
@@ -92,7 +96,7 @@ impl Case {
         OrdinatesModel::new(&scene, &views, None, &settings)
     }
 
-    /// The derivative of the misfit in single voxels and in random directions.
+    /// Compares the derivatives of the misfit in single voxels and in random directions.
     fn compare(&self, report: &mut Report) -> Result<()> {
         let measured = self.model()?.images(&scaled(&self.cloud, MEASURED))?;
         let misfit = Misfit { case: self, measured };
@@ -112,7 +116,7 @@ impl Case {
                 let along = &gradient.values * &direction;
                 let derivative: f64 = along.iter().map(|value| f64::from(*value)).sum();
                 let difference = misfit.extrapolated(&extinction, &direction)?;
-                let case = format!("{}, {level}: {what}, over difference", self.name);
+                let case = format!("{}, {level}: {what}, ratio to difference", self.name);
                 let one = Reference { systematic: ACCURACY, ..Reference::new(1.0, 0.0) };
                 report.compare(&[(case, exact(derivative / difference), one)]);
             }
@@ -121,9 +125,9 @@ impl Case {
     }
 }
 
-/// Some voxels, each a direction, and some directions in which all voxels change; as long
-/// as a step is. Voxels that darken some pixels as much as they brighten others have hardly
-/// a derivative, and no relative accuracy: they are left out.
+/// Steps in single voxels and in random directions that change all voxels. Voxels that darken some
+/// pixels as much as they brighten others are excluded: their derivative is close to zero, and a
+/// relative accuracy cannot be required.
 fn directions(extinction: &Volume, gradient: &Volume, seed: u64) -> Vec<(String, Array3<f32>)> {
     let mut random = stream(seed, Purpose::Validation, &[]);
     let pairs = extinction.values.indexed_iter().zip(&gradient.values);
@@ -147,8 +151,9 @@ fn directions(extinction: &Volume, gradient: &Volume, seed: u64) -> Vec<(String,
     directions
 }
 
-/// Half the sum of squared differences from measured images. Each solution starts from the
-/// dark: one that started from another would stop before it has answered to a single voxel.
+/// Half the sum of squared differences from the measured images. Each solution starts from zero
+/// radiance: if it started from a previous solution, the iteration would stop before the change of
+/// a single voxel has taken effect.
 struct Misfit<'a> {
     case: &'a Case,
     measured: ViewStack,
@@ -161,16 +166,16 @@ impl Misfit<'_> {
         model.gradient(&ViewStack::new(images.values - &self.measured.values)?)
     }
 
-    /// The difference of a step from those of this step and of half of it, without what
-    /// grows with its cube (Richardson 1911).
+    /// The Richardson (1911) extrapolation of the differences for this step and for half of it,
+    /// which removes the error that grows with the cube of the step.
     fn extrapolated(&self, extinction: &Volume, step: &Array3<f32>) -> Result<f64> {
         let whole = self.difference(extinction, step)?;
         let half = self.difference(extinction, &(0.5 * step))?;
         Ok((8.0 * half - whole) / 3.0)
     }
 
-    /// Half the difference of the misfits a step forwards and a step backwards. As the
-    /// product of what the images differ by, so that nothing cancels.
+    /// Half the difference of the misfits one step forwards and one step backwards. It is computed
+    /// as a product with the difference of the images, which avoids cancellation.
     fn difference(&self, extinction: &Volume, step: &Array3<f32>) -> Result<f64> {
         let moved = |sign: f32| Volume {
             values: &extinction.values + &(sign * step),
@@ -195,9 +200,9 @@ fn exact(mean: f64) -> Share {
     Share { mean, standard_error: 0.0 }
 }
 
-/// Asymmetry, and the derivative of the mean of the view from the zenith by the logarithm
-/// of a factor of the extinction, by Mitsuba with its standard error and by SHDOM on a
-/// refined grid.
+/// Asymmetry parameter, and the derivative of the mean radiance of the nadir view with respect to
+/// the logarithm of a scaling factor of the extinction: by Mitsuba, its standard error, and by
+/// SHDOM on a refined grid.
 #[cfg(feature = "files")]
 const SCALE: [(f64, f64, f64, f64); 2] =
     [(0.0, 0.0139, 0.0005, 0.0147), (0.85, 0.0093, 0.0009, 0.0106)];
@@ -215,14 +220,14 @@ fn scale_of_a_cumulus(report: &mut Report, folder: &Path) -> Result<()> {
         let scene = Scene::new(medium, sun, Surface::BLACK)?;
         let mut model = OrdinatesModel::new(&scene, &[view], None, &OrdinatesSettings::default())?;
         let images = model.images(&extinction)?;
-        // Radiances of the files are for a flux of 1 through a horizontal plane.
+        // The reference radiances are for a flux of 1 through a horizontal plane.
         let flux = SUN_ZENITH_DEG.to_radians().cos();
         let weight = 1.0 / (flux * images.values.len() as f64);
         let weights = ViewStack::new(Array3::from_elem(images.values.raw_dim(), weight as f32))?;
         let along = &model.gradient(&weights)?.values * &extinction.values;
         let derivative = exact(along.iter().map(|value| f64::from(*value)).sum());
-        let case = |code| format!("rico, g {asymmetry}: nadir mean by log scale, {code}");
-        // SHDOM's has no error of its own; the two codes differ by this.
+        let case = |code| format!("rico, g {asymmetry}: d(nadir mean)/d(log extinction), {code}");
+        // SHDOM provides no error; the tolerance covers the difference between the two codes.
         let apart = Reference { systematic: 3.0 * standard_error, ..Reference::new(shdom, 0.0) };
         report.compare(&[
             (case("Mitsuba"), derivative, Reference::new(mitsuba, standard_error)),

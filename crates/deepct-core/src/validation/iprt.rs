@@ -1,6 +1,6 @@
 //! The cube cloud of the International Polarized Radiative Transfer project, phase B, case C2
-//! (Emde et al. 2018): the intensity of light that leaves the top of the domain, as a polarised GPU
-//! Monte Carlo code published it (SMART-G), which agrees with MYSTIC to 0.5 % in every pixel.
+//! (Emde et al. 2018). The reference is the intensity at the top of the domain published for the
+//! polarised GPU Monte Carlo code SMART-G, which agrees with MYSTIC to 0.5 % in every pixel.
 
 use super::{Reference, Report};
 use crate::error::Result;
@@ -12,7 +12,8 @@ use crate::transport::{MonteCarloSettings, Share, Solver, render};
 use ndarray::Array3;
 use std::sync::Arc;
 
-/// Number of the case, zenith of the view and its azimuth minus the Sun's (degrees), mean intensity.
+/// Number of the case, view zenith angle and view azimuth minus solar azimuth (degrees), mean
+/// intensity.
 const CASES: [(usize, f64, f64, f64); 5] = [
     (5, 0.0, 0.0, 0.049392),
     (6, 40.0, 0.0, 0.052328),
@@ -20,7 +21,7 @@ const CASES: [(usize, f64, f64, f64); 5] = [
     (8, 40.0, 120.0, 0.049162),
     (9, 40.0, 180.0, 0.049208),
 ];
-/// The relative difference that is tolerated besides the noise.
+/// Accepted relative difference in addition to the noise.
 const ACCURACY: f64 = 2e-3;
 /// Columns along each side of the domain of 7 km.
 const COLUMNS: usize = 7;
@@ -31,7 +32,7 @@ pub(super) fn run(mut report: Report) -> Result<()> {
     extinction.values[[2, 3, 3]] = 10.0;
     let radii = Array3::from_elem(grid.shape, 10.0);
     let medium = Medium::of_droplets(extinction, radii, Arc::new(DropletTable::water(0.8)?))?;
-    // The Sun stands across a face of the cube.
+    // The azimuth of the Sun is normal to a face of the cube.
     let azimuth = 90_f64;
     let sun = Sun::from_degrees(40.0, azimuth)?;
     let scene =

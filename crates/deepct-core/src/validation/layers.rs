@@ -1,8 +1,7 @@
-//! Plane-parallel layers by the deterministic solver.
+//! Plane-parallel layers by the discrete-ordinates solver.
 //!
-//! A suite of its own: its values have no noise, so that the verdict is by a bar and not by
-//! standard errors, and each layer comes twice, in voxels that are thin and in some of
-//! optical depth 2.
+//! The values have no noise, so they are judged by a fixed tolerance instead of standard errors.
+//! Each layer is computed with thin voxels and with voxels of optical depth 2.
 
 use super::slabs::{FLUXES, RADIANCES, SEMI_INFINITE};
 use super::{Reference, Report};
@@ -14,29 +13,30 @@ use crate::transport::{OrdinatesModel, OrdinatesSettings, Share};
 use ndarray::Array2;
 use std::f64::consts::PI;
 
-/// How far off a reflectance may be, over its value.
+/// Accepted relative error of a reflectance.
 const ACCURACY: f64 = 5e-3;
-/// More than a cloud needs: 8 zenith angles and cells of 2.5 are the default, within 1 % for
-/// most of these layers, but 2 % off where one is thin and sunlight scatters forward, and 4 %
-/// where it comes and goes slantwise.
+/// Finer than a cloud requires. The default of 8 zenith angles and cells of optical depth 2.5 is
+/// accurate to 1 % for most of these layers, but its error is 2 % in thin layers with forward
+/// scattering and 4 % for oblique illumination and viewing.
 const ZENITH_ANGLES: usize = 12;
 const CELL_DEPTH: f64 = 0.25;
-/// What a sweep still changes is a small part of what is left to come in thick layers.
+/// In thick layers the change by one sweep is only a small part of the remaining error.
 const TOLERANCE: f64 = 1e-5;
 /// Optical depths of a voxel.
 const VOXEL_DEPTHS: [f64; 2] = [0.5, 2.0];
-/// The Gauss-Legendre rule of eight points on [-1, 1], by its positive half: fluxes are
-/// integrals over the cosines of zenith angles.
+/// The positive half of the eight-point Gauss-Legendre rule on [-1, 1], with which fluxes are
+/// integrated over the cosine of the zenith angle.
 const RULE: [(f64, f64); 4] = [
     (0.183_434_642_495_649_8, 0.362_683_783_378_362),
     (0.525_532_409_916_329, 0.313_706_645_877_887_3),
     (0.796_666_477_413_626_7, 0.222_381_034_453_374_5),
     (0.960_289_856_497_536_3, 0.101_228_536_290_376_3),
 ];
-/// Optical depth of a layer as good as semi-infinite where the albedo is 0.99: less than
-/// exp(-0.17 DEEP) of the light comes to its bottom, and of that again to its top.
+/// Optical depth of a layer that is practically semi-infinite for a single-scattering albedo of
+/// 0.99: less than exp(-0.17 DEEP) of the light reaches its bottom, and the same fraction of that
+/// returns to its top.
 const DEEP: f64 = 40.0;
-/// Azimuths on one side of the Sun; the other side is alike.
+/// Number of azimuths on one side of the solar principal plane; the other side is symmetric.
 const AZIMUTHS: usize = 12;
 
 pub(super) fn run(mut report: Report) -> Result<()> {
@@ -96,7 +96,7 @@ impl Layer {
 
     fn scene(&self) -> Result<Scene> {
         let voxels = (self.depth / self.voxel_depth).ceil().max(1.0) as usize;
-        // So wide that no light goes from one side to the other.
+        // The voxels are so wide that no light crosses from one side to the other.
         let spacing = DVec3::new(1e3, 1e3, 1.0 / voxels as f64);
         let grid = Grid::new(DVec3::ZERO, spacing, [voxels, 1, 1])?;
         let extinction = Volume::constant(grid, self.depth as f32);
@@ -104,7 +104,7 @@ impl Layer {
         Ok(scene.with_boundary(Boundary::Periodic))
     }
 
-    /// Radiance at the top towards some directions, for a Sun of unit irradiance.
+    /// Radiances (1/sr) at the top towards the given directions, for a Sun of unit irradiance.
     fn radiances(&self, directions: &[DVec3]) -> Result<Vec<f64>> {
         let scene = self.scene()?;
         let target = DVec3::new(500.0, 500.0, 1.0);
@@ -124,11 +124,11 @@ impl Layer {
         Ok(images.values.iter().map(|value| f64::from(*value)).collect())
     }
 
-    /// The light that goes up over that which comes down, by radiances.
+    /// The ratio of the upward to the incident flux at the top, by integration of radiances.
     fn reflectance(&self) -> Result<f64> {
         let rule = RULE.map(|(x, w)| [(0.5 - 0.5 * x, 0.5 * w), (0.5 + 0.5 * x, 0.5 * w)]);
         let rule = rule.as_flattened();
-        // One is like another where the Sun is in the zenith.
+        // All azimuths are equivalent if the Sun is in the zenith.
         let azimuths = if self.solar_cosine == 1.0 { 1 } else { AZIMUTHS };
         let azimuth = |n: usize| PI * (n as f64 + 0.5) / azimuths as f64;
         // The Sun is in the east.

@@ -1,8 +1,8 @@
-//! Validation: radiative transfer against published and independent numbers.
+//! Validation of radiative transfer against published and independent results.
 //!
-//! A [`Suite`] is a list of cases; each case is a scene, what the solver makes of it,
-//! and the number that it must be. The solver's own noise and the error of the
-//! reference enter the verdict: a value may be off by three standard errors.
+//! A [`Suite`] is a list of cases; each case compares the result of a solver for a scene with a
+//! reference value. The tolerance is three standard errors, which combine the noise of the solver
+//! and the error of the reference.
 
 mod clouds;
 mod cubes;
@@ -10,6 +10,7 @@ mod droplets;
 mod gradients;
 mod iprt;
 mod layers;
+mod photon_gradients;
 #[cfg(feature = "files")]
 mod rico;
 mod slabs;
@@ -26,30 +27,32 @@ use serde::Serialize;
 use std::path::Path;
 use std::time::Instant;
 
-/// A list of cases.
+/// A list of validation cases.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 #[non_exhaustive]
 pub enum Suite {
-    /// Plane-parallel layers: discrete ordinates, H functions.
+    /// Plane-parallel layers by the Monte Carlo solver, against discrete-ordinates results and
+    /// H functions.
     Slabs,
-    /// The same layers by the deterministic solver, in thin and in thick cells.
+    /// Plane-parallel layers by the discrete-ordinates solver, in thin and in thick voxels.
     Layers,
-    /// Derivatives by the deterministic solver against finite differences.
+    /// Derivatives by the discrete-ordinates solver, against finite differences.
     Gradients,
-    /// Isolated cubes and a sphere.
+    /// Isolated cubes and a sphere by the Monte Carlo solver.
     Cubes,
-    /// The step cloud of the I3RC project.
+    /// The step cloud of the I3RC project by the Monte Carlo solver.
     Step,
-    /// Droplets: a layer of Deirmendjian's cloud C.1, and tables of another code where the
+    /// Droplet optics: a layer of Deirmendjian's cloud C.1, and the tables of another code if the
     /// folder of its files is given.
     Mie,
-    /// A simulated cumulus seen by Mitsuba and SHDOM; needs their files.
+    /// A simulated cumulus by the Monte Carlo solver, against Mitsuba and SHDOM; requires their
+    /// files.
     Rico,
-    /// A cube cloud of the project IPRT, by the Monte Carlo solver.
+    /// A cube cloud of the IPRT project by the Monte Carlo solver.
     Iprt,
-    /// The deterministic solver on whole clouds, against the Monte Carlo solver; more clouds where
-    /// the folder of the simulations is given.
+    /// Whole clouds by the discrete-ordinates solver, against the Monte Carlo solver; includes
+    /// simulated clouds if the folder of their files is given.
     Clouds,
 }
 
@@ -67,7 +70,7 @@ impl Suite {
         Self::Clouds,
     ];
 
-    /// Its name on the command line.
+    /// The name of the suite on the command line.
     pub fn name(self) -> &'static str {
         match self {
             Self::Slabs => "slabs",
@@ -83,22 +86,21 @@ impl Suite {
     }
 }
 
-/// How much work to do.
+/// Computational effort of a validation.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Effort {
-    /// Samples of a radiance, and photons where no error is wanted of them.
+    /// Samples per radiance, and number of photons of fluxes if `relative_error` is `None`.
     pub samples: u32,
-    /// The standard error of a share of the light, over the share, that as many photons
-    /// as it takes are traced for; `None` where it does not matter.
+    /// Relative standard error of flux fractions, which determines the number of photons.
     pub relative_error: Option<f64>,
     /// Seed of all random numbers.
     pub seed: u64,
 }
 
 impl Effort {
-    /// A second or so for each case.
+    /// About one second for each case.
     pub const QUICK: Self = Self { samples: 200_000, relative_error: None, seed: 1 };
-    /// Some minutes for each suite: a noise of 1e-3 of the value or less.
+    /// Several minutes for each suite, with a relative noise of 1e-3 or less.
     pub const LONG: Self = Self { samples: 5_000_000, relative_error: Some(9.9e-4), seed: 1 };
 }
 
@@ -107,40 +109,40 @@ impl Effort {
 pub struct Row {
     /// The suite.
     pub suite: Suite,
-    /// What was computed.
+    /// Description of the case and of the computed quantity.
     pub case: String,
-    /// The solver's answer.
+    /// Value computed by the solver.
     pub value: f64,
-    /// Its standard error.
+    /// Standard error of the value.
     pub standard_error: f64,
-    /// What it must be.
+    /// Reference value.
     pub reference: f64,
-    /// How far off it may be.
+    /// Largest accepted difference between value and reference.
     pub tolerance: f64,
-    /// Whether it is within the tolerance.
+    /// Whether the difference is within the tolerance.
     pub passed: bool,
-    /// Wall time of the case; rows of one computation share it out.
+    /// Wall time (s). The time of a computation is divided equally between its rows.
     pub seconds: f64,
 }
 
-/// A published or independent number.
+/// A published or independent reference value.
 #[derive(Debug, Clone, Copy)]
 struct Reference {
     value: f64,
-    /// Its standard error, or half a unit of its last digit.
+    /// Standard error, or half a unit of the last digit.
     standard_error: f64,
-    /// What the two may differ by because they do not solve quite the same problem.
+    /// Accepted systematic difference, as the two models do not solve exactly the same problem.
     systematic: f64,
 }
 
 impl Reference {
-    /// A number with a standard error.
+    /// A reference value with a standard error.
     const fn new(value: f64, standard_error: f64) -> Self {
         Self { value, standard_error, systematic: 0.0 }
     }
 }
 
-/// Where the rows of a suite go.
+/// Compares results with references and passes the rows of a suite to a callback.
 struct Report<'a> {
     suite: Suite,
     effort: Effort,
@@ -149,10 +151,10 @@ struct Report<'a> {
 }
 
 impl Report<'_> {
-    /// Fewest photons from which an error is estimated.
+    /// Minimum number of photons for the estimate of an error.
     const FEWEST: u32 = 200_000;
 
-    /// Compare all values of one computation, which began when the last one ended.
+    /// Compares all values of one computation. Its time is that since the previous comparison.
     fn compare(&mut self, checks: &[(String, Share, Reference)]) {
         let seconds = self.started.elapsed().as_secs_f64() / checks.len().max(1) as f64;
         for (case, share, reference) in checks {
@@ -172,7 +174,8 @@ impl Report<'_> {
         self.started = Instant::now();
     }
 
-    /// The fluxes of a scene, of which `least` is the smallest share that is compared.
+    /// The fluxes of a scene. The number of photons follows from `least`, the smallest flux
+    /// fraction that is compared.
     fn fluxes(&self, scene: &Scene, least: f64) -> Result<Fluxes> {
         let needed = |error: f64| ((1.0 - least) / (least * error.powi(2))) as u64;
         let photons = match self.effort.relative_error {
@@ -183,11 +186,13 @@ impl Report<'_> {
     }
 }
 
-/// Run one suite and hand out its rows as they come. `reference` is a folder with the files that
-/// some suites compare with, `cache` one where [`Suite::Clouds`] keeps its Monte Carlo images.
+/// Runs one suite and passes each row to `row` as soon as it is available. `reference` is the
+/// folder of the reference files of some suites, and `cache` a folder in which [`Suite::Clouds`]
+/// stores its Monte Carlo images.
 ///
 /// # Errors
-/// [`Suite::Rico`] without the folder of its files, or with files that cannot be used.
+/// Returns an error if [`Suite::Rico`] is run without a reference folder, or if a file cannot be
+/// read or written.
 pub fn validate(
     suite: Suite,
     effort: Effort,
@@ -211,12 +216,12 @@ pub fn validate(
         Suite::Rico => Err(crate::error::Error::out_of_range(
             "suite",
             "rico",
-            format!("one that needs no files, which {reference:?} would be: built without them"),
+            format!("one that reads no files (built without file support; folder {reference:?})"),
         )),
     }
 }
 
-/// A medium above a black surface at its bottom, with the Sun in the east.
+/// A scene with a medium above a black surface at its bottom and the Sun in the east.
 fn scene(
     extinction: Volume,
     single_scattering_albedo: f64,
@@ -230,7 +235,7 @@ fn scene(
     Scene::new(medium, sun, Surface { altitude: bottom, ..Surface::BLACK })
 }
 
-/// A cube of 1 km in `[n, n, n]` voxels.
+/// A cube of 1 km with `[n, n, n]` voxels.
 fn unit_grid(n: usize) -> Result<Grid> {
     let spacing = crate::math::DVec3::splat(1.0 / n as f64);
     Grid::new(crate::math::DVec3::ZERO, spacing, [n, n, n])

@@ -1,5 +1,5 @@
-//! A cumulus from a large-eddy simulation of the RICO campaign, as Mitsuba (Monte
-//! Carlo) and SHDOM (spherical harmonics and discrete ordinates) see it.
+//! A cumulus from a large-eddy simulation of the RICO campaign, compared with Mitsuba (Monte Carlo)
+//! and SHDOM (spherical harmonics and discrete ordinates).
 
 use super::{Reference, Report};
 use crate::error::{Error, Result};
@@ -9,19 +9,20 @@ use crate::scene::{Scene, Sun, Surface};
 use crate::transport::{MonteCarloSettings, Rendering, Share, Solver, render};
 use std::path::Path;
 
-/// The views, by the names of their groups in the file.
+/// The views, given by the names of their groups in the file.
 const VIEWS: [&str; 5] = ["nadir", "plus26", "minus26", "plus46", "minus46"];
 
-/// Asymmetry, the mark of it in the names of the variables, and how far the means of
-/// the two codes are apart, which is what ours may be off.
+/// Asymmetry parameter, its label in the names of the variables, and the relative difference
+/// between the view means of the two codes, which is also the accepted systematic difference.
 const PHASES: [(f64, &str, f64); 2] = [(0.0, "g000", 0.007), (0.85, "g085", 0.015)];
 
-/// Pixels enter the chi-square that have this share of the radiance of the brightest one:
-/// so few of Mitsuba's samples met cloud in darker ones that its standard errors there are
-/// guesses, and often zero.
+/// Pixels enter the chi-square if their radiance is at least this fraction of that of the brightest
+/// pixel. In darker pixels so few of Mitsuba's samples hit the cloud that its standard errors are
+/// unreliable and often zero.
 const LIT: f64 = 0.02;
 
-/// The radiances are for a flux of 1 through a horizontal plane.
+/// Solar zenith angle (degrees). The reference radiances are for a flux of 1 through a horizontal
+/// plane.
 const SUN_ZENITH_DEG: f64 = 30.0;
 
 pub(super) fn run(mut report: Report, reference: Option<&Path>) -> Result<()> {
@@ -33,13 +34,13 @@ pub(super) fn run(mut report: Report, reference: Option<&Path>) -> Result<()> {
         ));
     };
     let extinction = read_volume(folder.join("rico32_cloud.nc"))?;
-    // A pixel takes this many samples: the longest view has 3108 of them.
+    // The number of pixels per view is up to 3108.
     let samples_per_pixel = (report.effort.samples / 400).max(2);
     for (asymmetry, mark, apart) in PHASES {
         let phase = PhaseFunction::henyey_greenstein(asymmetry)?;
         let medium = Medium::new(extinction.clone(), 1.0, phase)?
             .with_interpolation(Interpolation::Trilinear);
-        // In the files light travels to the north-east.
+        // In the reference files sunlight propagates towards the north-east.
         let sun = Sun::from_degrees(SUN_ZENITH_DEG, 225.0)?;
         let scene = Scene::new(medium, sun, Surface::BLACK)?;
         for name in VIEWS {
@@ -60,7 +61,7 @@ pub(super) fn run(mut report: Report, reference: Option<&Path>) -> Result<()> {
     Ok(())
 }
 
-/// View means against both codes, and the chi-square of the pixels against Mitsuba.
+/// Compares view means with both codes, and single pixels with Mitsuba by their chi-square.
 fn compare(
     report: &mut Report,
     case: &str,
@@ -86,13 +87,13 @@ fn compare(
         (format!("{case}: view mean against Mitsuba"), mean, reference(mitsuba)),
         (format!("{case}: view mean against SHDOM"), mean, reference(shdom)),
     ];
-    // With forward scattering few samples bring most of the light: Mitsuba's standard errors
-    // are far too small where it has not met those.
+    // With forward scattering few samples carry most of the radiance, and Mitsuba's standard errors
+    // are far too small in pixels that lack such samples.
     if isotropic {
         let (chi_square, pixels) = chi_square(&radiance, &error, expected);
         let one = Reference {
             value: 1.0,
-            // The standard errors are estimates too.
+            // The standard errors are themselves estimates.
             systematic: 0.1,
             standard_error: (2.0 / pixels).sqrt(),
         };
@@ -109,7 +110,7 @@ fn mean_of(values: &[f64], errors: &[f64]) -> Share {
     }
 }
 
-/// Over the pixels that are lit, and their number.
+/// The chi-square per pixel over the sufficiently bright pixels, and their number.
 fn chi_square(radiance: &[f64], error: &[f64], expected: &ReferenceView) -> (Share, f64) {
     let (mut sum, mut count) = (0.0, 0.0);
     let least = LIT * radiance.iter().copied().fold(0.0, f64::max);

@@ -1,4 +1,4 @@
-//! Plane-parallel layers, as a periodic field of one column.
+//! Plane-parallel layers, represented by a periodic field of one column.
 
 use super::{Reference, Report, scene, unit_grid};
 use crate::error::Result;
@@ -10,13 +10,13 @@ use std::f64::consts::PI;
 
 /// The cosine of 30 degrees.
 const COS_30: f64 = 0.866_025_403_784_438_6;
-/// Half a unit of the fifth digit.
+/// Half a unit of the fifth decimal digit.
 const FIFTH_DIGIT: f64 = 0.5e-5;
 
-/// Optical depth, single-scattering albedo, asymmetry, cosine of the Sun's zenith;
-/// reflectance and, where it is tabulated, transmittance. The first three are DISORT's
-/// published tests (van de Hulst 1980; Garcia and Siewert 1985); the others were made
-/// with discrete ordinates, 32 and 48 streams agreeing to five digits.
+/// Optical depth, single-scattering albedo, asymmetry parameter, cosine of the solar zenith angle;
+/// reflectance and, if tabulated, transmittance. The first three rows are DISORT's published tests
+/// (van de Hulst 1980; Garcia and Siewert 1985); the others were computed with discrete ordinates,
+/// where 32 and 48 streams agree to five digits.
 pub(super) const FLUXES: [(f64, f64, f64, f64, f64, Option<f64>); 22] = [
     (1.0, 1.0, 0.75, 1.0, 0.078742, Some(0.921258)),
     (8.0, 1.0, 0.75, 1.0, 0.506418, Some(0.493580)),
@@ -42,19 +42,20 @@ pub(super) const FLUXES: [(f64, f64, f64, f64, f64, Option<f64>); 22] = [
     (16.0, 0.99, 0.85, 1.0, 0.41772, Some(0.30610)),
 ];
 
-/// Cosine of the Sun's zenith and plane albedo of a semi-infinite isotropic medium
-/// with single-scattering albedo 0.99: `1 - sqrt(1 - w) H(mu0)` (Chandrasekhar 1950).
+/// Cosine of the solar zenith angle and plane albedo of a semi-infinite, isotropically scattering
+/// medium with single-scattering albedo 0.99: `1 - sqrt(1 - w) H(mu0)` (Chandrasekhar 1950).
 pub(super) const SEMI_INFINITE: [(f64, f64); 3] = [(0.1, 0.87751), (0.5, 0.81514), (1.0, 0.75272)];
 
-/// Cosine of the view's zenith; radiance up at the top and down at the bottom of DISORT's
-/// test problem of optical depth 8, asymmetry 0.75, a beam of flux pi from the zenith. By
-/// adding and doubling with 64 points (`tests/fixtures/doubling.py`; the same digits with
-/// 32 and 96). What is published with DISORT, from 16 streams, is up to 1.3e-3 of that off:
-/// up 0.493302, 0.519598, 0.379740, down 0.669581, 0.422350, 0.236362.
+/// Cosine of the view zenith angle; upward radiance at the top and downward radiance at the bottom
+/// of DISORT's test problem of optical depth 8, asymmetry parameter 0.75 and a beam of flux pi from
+/// the zenith. The values were computed by adding and doubling with 64 points
+/// (`tests/fixtures/doubling.py`); 32 and 96 points give the same digits. The values published with
+/// DISORT, from 16 streams, differ from these by up to 1.3e-3 (relative): upward 0.493302,
+/// 0.519598, 0.379740, downward 0.669581, 0.422350, 0.236362.
 pub(super) const RADIANCES: [(f64, f64, f64); 3] =
     [(1.0, 0.492696, 0.670016), (0.5, 0.519705, 0.422354), (0.1, 0.379975, 0.236388)];
 
-/// Chandrasekhar's H function of conservative isotropic scattering.
+/// Cosine and Chandrasekhar's H function for conservative isotropic scattering.
 const H: [(f64, f64); 3] = [(0.1, 1.24735), (0.5, 2.01278), (1.0, 2.90781)];
 
 pub(super) fn run(mut report: Report) -> Result<()> {
@@ -71,7 +72,7 @@ pub(super) fn run(mut report: Report) -> Result<()> {
         report.compare(&checks);
     }
     for (cosine, reflected) in SEMI_INFINITE {
-        // Beyond an optical depth of 150 there is less than exp(-0.17 150) left.
+        // Less than exp(-0.17 150) of the light penetrates beyond an optical depth of 150.
         let fluxes = report.fluxes(&slab(150.0, 0.99, 0.0, cosine)?, reflected)?;
         let case = format!("semi-infinite, w 0.99, isotropic, mu0 {cosine}: reflected");
         report.compare(&[(case, fluxes.reflected, Reference::new(reflected, FIFTH_DIGIT))]);
@@ -101,9 +102,10 @@ fn radiances_of_a_layer(report: &mut Report) -> Result<()> {
     Ok(())
 }
 
-/// `I = mu0 / (mu + mu0) H(mu) H(mu0) / (4 pi)` (Chandrasekhar 1950). A white surface
-/// makes a layer as bright as a half-space: deep inside of one light is isotropic and
-/// no net flux goes down, and that is what a white surface does.
+/// Compares radiances with `I = mu0 / (mu + mu0) H(mu) H(mu0) / (4 pi)` (Chandrasekhar 1950) for a
+/// half-space. A layer above a white surface has the same reflection, because deep inside a
+/// conservative half-space the radiance is isotropic and the net flux is zero, as it is above a
+/// white surface.
 fn radiances_of_a_half_space(report: &mut Report) -> Result<()> {
     let (solar_cosine, solar_h) = H[1];
     let mut half_space = slab(20.0, 1.0, 0.0, solar_cosine)?;
@@ -125,8 +127,8 @@ fn slab(optical_depth: f64, albedo: f64, asymmetry: f64, solar_cosine: f64) -> R
     Ok(scene(extinction, albedo, asymmetry, solar_cosine)?.with_boundary(Boundary::Periodic))
 }
 
-/// Radiances along rays; each sample is one of very many blocks, so that all threads
-/// have work.
+/// Radiances along rays. The samples of a ray are divided into blocks, so that all threads are
+/// used.
 pub(super) fn along(report: &Report, scene: &Scene, rays: &[Ray]) -> Result<Vec<Radiance>> {
     let blocks = 64;
     let many: Vec<Ray> = rays.iter().flat_map(|ray| std::iter::repeat_n(*ray, blocks)).collect();

@@ -1,6 +1,6 @@
-//! The step cloud of I3RC (Cahalan et al. 2005): a periodic field of 500 m, half of
-//! optical depth 2 and half of 18, 250 m thick, Henyey-Greenstein 0.85. The references
-//! are from an analogue Monte Carlo code of its own.
+//! The step cloud of I3RC (Cahalan et al. 2005): a periodic field of 500 m, one half of optical
+//! depth 2 and the other of optical depth 18, 250 m thick, with a Henyey-Greenstein phase function
+//! of asymmetry parameter 0.85. The references are from a separate analogue Monte Carlo code.
 
 use super::{Reference, Report, scene};
 use crate::error::Result;
@@ -13,8 +13,8 @@ use ndarray::Array3;
 const OPTICAL_DEPTHS: [f32; 2] = [2.0, 18.0];
 const THICKNESS: f64 = 0.25;
 
-/// Cosine of the Sun's zenith, single-scattering albedo; shares reflected, transmitted
-/// and absorbed; standard error.
+/// Cosine of the solar zenith angle, single-scattering albedo; fractions reflected, transmitted and
+/// absorbed; standard error.
 const STEPS: [(f64, f64, [f64; 3], f64); 4] = [
     (1.0, 1.0, [0.32763, 0.67237, 0.0], 7e-5),
     (0.5, 1.0, [0.58070, 0.41930, 0.0], 8e-5),
@@ -22,7 +22,7 @@ const STEPS: [(f64, f64, [f64; 3], f64); 4] = [
     (0.5, 0.99, [0.47658, 0.32483, 0.19860], 9e-5),
 ];
 
-/// Cosine of the Sun's zenith and reflectance of the two halves on their own.
+/// Cosine of the solar zenith angle and mean reflectance of the two halves as independent columns.
 const INDEPENDENT: [(f64, f64); 2] = [(1.0, 0.34019), (0.5, 0.49979)];
 
 pub(super) fn run(mut report: Report) -> Result<()> {
@@ -53,7 +53,7 @@ pub(super) fn run(mut report: Report) -> Result<()> {
     Ok(())
 }
 
-/// Columns side by side from west to east, each of 250 m, again and again.
+/// A periodic field of adjacent columns from west to east, each 250 m wide.
 fn cloud(optical_depths: &[f32], cosine: f64, albedo: f64) -> Result<Scene> {
     let grid = Grid::new(DVec3::ZERO, DVec3::splat(THICKNESS), [1, 1, optical_depths.len()])?;
     let values =

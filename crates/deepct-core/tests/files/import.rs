@@ -1,5 +1,5 @@
-//! Clouds that others wrote. The simulations are made by the netCDF library
-//! (fixtures/les.py) from a formula that is computed here again.
+//! Import of clouds from files of other programs. The simulations are written by the netCDF library
+//! (fixtures/les.py) from a formula, which is also evaluated here.
 
 use crate::{check_refusal, place};
 use deepct_core::cloud::{Cloud, effective_radius};
@@ -12,7 +12,7 @@ fn fixture(name: &str) -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures").join(name)
 }
 
-/// The water of the fixtures (g/m3).
+/// Liquid water content of the fixtures (g/m3).
 fn water(time: usize, shape: [usize; 3]) -> Array3<f32> {
     Array3::from_shape_fn(shape, |(k, j, i)| ((7 * time + 5 * k + 3 * j + 2 * i) % 13) as f32 * 0.1)
 }
@@ -60,7 +60,8 @@ fn a_crop_wraps_around_the_sides_and_levels_are_chosen() {
     assert!(cloud.grid.origin.distance(DVec3::new(0.35, 0.30, 0.46)) < 1e-12);
 }
 
-/// Bins of 2, 2 * 2^(1/3) and 2 * 2^(2/3) um that hold 1, 2 and 3 parts of the water.
+/// Bins with radii of 2, 2 * 2^(1/3) and 2 * 2^(2/3) um that contain 1, 2 and 3 parts of the liquid
+/// water.
 #[test]
 fn a_droplet_spectrum_becomes_radius_and_variance() {
     let settings = ImportSettings { spacing: None, ..Default::default() };
@@ -87,7 +88,7 @@ fn a_droplet_spectrum_becomes_radius_and_variance() {
 fn a_mixing_ratio_on_stretched_levels_in_another_order_of_axes() {
     let settings = ImportSettings { time: 2, ..Default::default() };
     let cloud = import_cloud(fixture("mixing.nc"), &settings).unwrap();
-    // The edges of the levels in km, and the water in g/m3 by hand.
+    // Edges of the levels (km) and liquid water content (g/m3), computed by hand.
     let edges = [0.0, 0.04, 0.085, 0.145, 0.225, 0.315];
     let density = [1.2, 1.15, 1.1, 1.05, 1.0_f32];
     let mut fine = water(2, [5, 4, 6]);
@@ -96,10 +97,10 @@ fn a_mixing_ratio_on_stretched_levels_in_another_order_of_axes() {
     }
     assert_eq!(cloud.grid.shape, [8, 2, 3]);
     assert!(cloud.grid.origin.length() < 1e-12);
-    // Columns of 25 m become columns of 50 m: the mean of four. Levels of 40 m are finer
-    // than the highest of the file: there water is interpolated between level centres,
-    // but a mass-weighted sum over a column with constant water is kept. The lowest two
-    // new levels can be checked by hand.
+    // Columns of 25 m become columns of 50 m by averaging four of them. Levels of 40 m are finer
+    // than the highest levels of the file, where the liquid water is interpolated between level
+    // centres; the mass-weighted sum over a column with constant liquid water is preserved. The
+    // lowest two new levels can be checked by hand.
     let four = |k: usize, j: usize, i: usize| {
         fine.slice(s![k, 2 * j..2 * j + 2, 2 * i..2 * i + 2]).sum() / 4.0
     };
@@ -128,7 +129,7 @@ fn both_text_formats_hold_the_same_cloud() {
     assert_eq!(clouds[0], clouds[1]);
     let [cloud, _] = clouds;
     assert_eq!(cloud.grid.shape, [4, 2, 3]);
-    // The values stand at nodes: the first is at x = 0, y = 0, z = 0.50 km.
+    // The values are given at nodes; the first one is at x = 0, y = 0, z = 0.50 km.
     assert!(cloud.grid.voxel_center([0, 0, 0]).distance(DVec3::new(0.0, 0.0, 0.5)) < 1e-12);
     let droplets = cloud.microphysics.unwrap();
     let mut expected = Array3::zeros((4, 2, 3));

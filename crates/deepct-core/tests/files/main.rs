@@ -1,5 +1,5 @@
-//! Files: what is written is read back exactly, what others wrote is understood, and
-//! what cannot be used is refused with a message that names the file, the field and the
+//! Tests of files: files of the project are read back exactly, files of other programs are
+//! imported, and invalid files are refused with a message that names the file, the field and the
 //! remedy.
 
 #![cfg(feature = "files")]
@@ -11,15 +11,15 @@ use deepct_core::{Error, Result};
 use std::path::{Path, PathBuf};
 use tempfile::TempDir;
 
-/// A folder, and the path of a file in it.
+/// Creates a temporary folder. Returns it and the path of a file in it.
 fn place(name: &str) -> (TempDir, PathBuf) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join(name);
     (folder, path)
 }
 
-/// The refusal must be one line that names the file, the field or problem, and a
-/// remedy.
+/// Asserts that the result is an error whose message is one line that names the file, the field or
+/// problem, and a remedy.
 #[track_caller]
 fn check_refusal<T>(result: Result<T>, path: &Path, names: &str) {
     let Err(error) = result else { panic!("{names}: was accepted") };

@@ -1,4 +1,4 @@
-//! The project's own files.
+//! Reading and writing of the file formats of the project.
 
 use crate::{check_refusal, place};
 use deepct_core::cloud::{Cloud, Microphysics};
@@ -15,7 +15,7 @@ fn provenance() -> Provenance {
 }
 
 fn grid() -> Grid {
-    // Numbers that binary fractions do not hold, so that a rounded grid shows.
+    // Numbers without an exact binary representation, so that rounding of the grid is detected.
     Grid::new(DVec3::new(-0.3, 0.1, 0.48), DVec3::new(0.05, 0.07, 0.04), [3, 4, 5]).unwrap()
 }
 
@@ -84,7 +84,7 @@ fn files_record_how_they_were_made_and_are_the_same_each_time() {
     let (folder, path) = place("a.nc");
     let volume = Volume::new(grid(), field(2.0)).unwrap();
     io::write_volume(&path, &volume, &provenance()).unwrap();
-    // HDF5 counts time in seconds: wait for the next.
+    // HDF5 timestamps have a resolution of one second; wait until the next second.
     std::thread::sleep(std::time::Duration::from_millis(1100));
     let again = folder.path().join("b.nc");
     io::write_volume(&again, &volume, &provenance()).unwrap();
@@ -119,7 +119,7 @@ fn a_grid_is_read_from_toml() {
     }
 }
 
-/// Write a good volume and change it.
+/// Writes a valid volume and modifies the file with `spoil`.
 fn spoiled(path: &Path, spoil: impl FnOnce(&hdf5::File)) {
     io::write_volume(path, &Volume::new(grid(), field(2.0)).unwrap(), &provenance()).unwrap();
     let file = hdf5::File::open_rw(path).unwrap();
@@ -127,7 +127,7 @@ fn spoiled(path: &Path, spoil: impl FnOnce(&hdf5::File)) {
     file.close().unwrap();
 }
 
-/// Replace a variable by one of other values, without dimension scales.
+/// Replaces a variable by one with other values and without dimension scales.
 fn replace<T: hdf5::H5Type + Clone>(file: &hdf5::File, name: &str, values: ndarray::ArrayD<T>) {
     file.unlink(name).unwrap();
     file.new_dataset_builder().with_data(values.view()).create(name).unwrap();
@@ -199,7 +199,7 @@ fn wrong_dimensions_are_refused() {
         replace(file, "extinction", Array3::<f32>::zeros((5, 4, 3)).into_dyn());
     });
     check_refusal(io::read_volume(&path), &path, "one coordinate per voxel");
-    // The right lengths, but y in the place of z.
+    // The lengths are correct, but y and z are exchanged.
     let cube = Grid::new(DVec3::ZERO, DVec3::ONE, [2, 2, 2]).unwrap();
     io::write_volume(&path, &Volume::constant(cube, 1.0), &provenance()).unwrap();
     let file = hdf5::File::open_rw(&path).unwrap();

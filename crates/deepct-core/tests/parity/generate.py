@@ -1,13 +1,13 @@
-"""Write the fixtures of parity.rs: small networks and PyTorch's answers in float64.
+"""Write the fixtures of parity.rs: small networks and their outputs by PyTorch in float64.
 
     python3 crates/deepct-core/tests/parity/generate.py
 
-wants numpy, safetensors, torch and weights_tools. For each network NAME it writes
+The script requires numpy, safetensors, torch and weights_tools. For each network NAME it writes
 
-    NAME.safetensors          the weights as deepct reads them, batch norms beside the
-                              convolutions
-    NAME.answers.safetensors  tensors "{rows}x{cols}", [level, row, col]: the output for
-                              the images that `images` makes, which parity.rs makes too
+    NAME.safetensors          the weights in the format of deepct, with batch normalisations
+                              separate from the convolutions
+    NAME.answers.safetensors  tensors "{rows}x{cols}", [level, row, col]: the output for the images
+                              of the function `images`, which parity.rs evaluates as well
 """
 
 import json
@@ -39,18 +39,18 @@ ON_PLANES = {
     "image_layout": {"planes": {"altitudes_km": [0.7, 1.0, 1.43]}},
     "horizontal_spacing_km": [0.05, 0.04],
 }
-"""Metadata of the network on planes that differ: cameras to all sides and one at infinity."""
+"""Metadata that differ for the network on planes: cameras in all directions, one at infinity."""
 SIZES = ((1, 1), (31, 45), (33, 32))
 
 
 def images(views: int, rows: int, cols: int) -> np.ndarray:
-    """Numbers in [0, 1) of 1/128 that look random; exact in float32."""
+    """Pseudo-random multiples of 1/128 in [0, 1), which are exact in float32."""
     index = np.arange(views * rows * cols)
     return ((index * 7919 + index // 97 * 31) % 128 / 128.0).reshape(views, rows, cols)
 
 
 class Layer(nn.Module):
-    """Convolution and batch norm with the statistics of what runs through it."""
+    """Convolution and batch normalisation, optionally followed by a ReLU."""
 
     def __init__(self, inputs: int, outputs: int, relu: bool) -> None:
         super().__init__()
@@ -68,7 +68,7 @@ class Layer(nn.Module):
 
 
 def network(channels: list[int], last_relu: bool) -> nn.Sequential:
-    """Layers whose running statistics come from a few batches of noise."""
+    """Create layers whose running statistics are those of batches of uniform noise."""
     last = len(channels) - 2
     layers = [
         Layer(inputs, outputs, last_relu or index < last)

@@ -1,6 +1,6 @@
-"""The 3D extinction field of a cloud from its images by several satellites.
+"""Retrieval of the 3D extinction field of a cloud from multi-satellite images.
 
-Each stage is a function of the same name as the verb of the command line::
+Each processing stage is a function with the name of the corresponding command of ``deepct``::
 
     import deepct_py as deepct
 
@@ -9,12 +9,12 @@ Each stage is a function of the same name as the verb of the command line::
     images = deepct.sense(deepct.render(cloud.extinction, cloud.grid, views).radiance)
     mask = deepct.carve(images.radiance, views, cloud.grid).mask
 
-Volumes are arrays ``[z, y, x]`` and images ``[view, row, col]``, 32-bit floats; what is
-not is converted, and xarray objects are taken as they are. Lengths are in km, extinction
-in 1/km, radiance in 1/sr for a Sun of unit irradiance; row grows to the north and column
-to the east. Errors are ``ValueError`` for an argument, ``OSError`` where the operating
-system refuses, and ``DeepctError`` for what a file holds. Functions release the
-interpreter's lock while they work.
+Volumes are arrays ``[z, y, x]`` and images are arrays ``[view, row, col]`` of 32-bit floats;
+other number types and xarray objects are converted. Lengths are in km, extinction is in 1/km,
+and radiance is in 1/sr for a solar irradiance of 1. Rows increase towards the north and columns
+towards the east. The functions raise ``ValueError`` for an invalid argument, ``OSError`` for an
+error of the operating system and ``DeepctError`` for invalid contents of a file. They release
+the global interpreter lock while they run.
 """
 
 from ._deepct import (

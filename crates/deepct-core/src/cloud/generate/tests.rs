@@ -1,4 +1,4 @@
-//! Clouds of the generator: their seeds, places, water and errors.
+//! Tests of the cloud generator.
 
 use super::*;
 
@@ -22,8 +22,8 @@ fn the_same_seed_is_the_same_cloud_for_any_number_of_threads() {
     assert_ne!(make(1, 6).0.unwrap(), make(1, 5).0.unwrap());
 }
 
-/// Water only between the base and the top level, never in the outermost columns,
-/// never more than adiabatic, and as thick as shallow cumuli are.
+/// Water occurs only between the cloud base and the top level and never in the outermost columns,
+/// it does not exceed the adiabatic value, and the optical depth is typical of shallow cumuli.
 #[test]
 fn cumuli_look_like_cumuli() {
     let settings = CumulusSettings::default();
@@ -42,7 +42,7 @@ fn cumuli_look_like_cumuli() {
             lowest = lowest.min(k);
             path[[j, i]] += 1500.0 * water / crate::cloud::effective_radius(water, 100.0) * 0.04;
         }
-        // The first level whose centre is above the base at 0.56 km.
+        // Level 2 is the first whose centre is above the base at 0.56 km.
         assert_eq!(lowest, 2, "seed {seed} has no flat base");
         let thickest = path.iter().copied().fold(0.0, f32::max);
         assert!((10.0..100.0).contains(&thickest), "seed {seed}: optical depth {thickest}");
@@ -55,13 +55,13 @@ fn a_field_has_the_wanted_cover() {
     let cloud = field(&settings, 4).unwrap();
     let highest = water(&cloud).fold_axis(Axis(0), 0.0_f32, |most, water| most.max(*water));
     let cover = highest.iter().filter(|most| **most > 0.0).count() as f64 / 128.0 / 128.0;
-    // The last cloud may overshoot by its own size, at most 1 km across.
+    // The last cloud, at most 1 km wide, may exceed the prescribed cover by its own area.
     assert!((0.12..0.18).contains(&cover), "cover {cover}");
 }
 
 #[test]
 fn sizes_follow_the_power_law() {
-    // The median of the density D^-1.7 between 0.1 and 1 by its integral.
+    // The integral of the density D^-1.7 between 0.1 and 1 gives its median.
     let mut rng = stream(1, Purpose::Cloud, &[]);
     let mut widths: Vec<_> = (0..20_001).map(|_| power_law(&mut rng, [0.1, 1.0], -1.7)).collect();
     widths.sort_by(f64::total_cmp);

@@ -1,9 +1,9 @@
-//! The macros that compile the loops of a kernel for a set of instructions.
+//! Macros that compile the loops of a kernel for an instruction set.
 //!
-//! They are written in the file of each set of instructions, beside which the names that they
-//! begin with `super::` stand.
+//! They are invoked in the file of each instruction set; names that begin with `super::` refer to
+//! the parent module of that file.
 
-/// Run `$body` with the constant `$constant` equal to `$value`, one of the numbers.
+/// Run `$body` with the constant `$constant` equal to `$value`, which is one of the numbers.
 macro_rules! with_constant {
     ($constant:ident = $value:expr, in [$($number:literal),*], $body:expr) => {
         match $value {
@@ -17,8 +17,9 @@ macro_rules! with_constant {
 }
 pub(super) use with_constant;
 
-/// Compile the loops for a vector: `LOOPS`, by its name, the attribute that says for which
-/// instructions, and the numbers of rows and of vectors of sums that registers can hold.
+/// Compile the loops for a vector type as `LOOPS`, given the name of the kernel, the attribute
+/// that selects the instruction set, and the numbers of rows and of vectors of sums that the
+/// registers can hold.
 macro_rules! instantiate {
     ($name:literal, $vector:ty, #[$($attribute:tt)*], rows $rows:tt, vectors $vectors:tt) => {
         use super::multiply::{self, PointProducts, SegmentSum};
@@ -38,7 +39,7 @@ macro_rules! instantiate {
         };
 
         /// # Safety
-        /// The processor has the instructions, and the slices were checked.
+        /// The processor must support the instructions, and the slices must have been checked.
         #[allow(unsafe_code)]
         #[$($attribute)*]
         unsafe fn sum_segments(product: &SegmentSum<'_>, out: &mut [f32]) {
@@ -46,7 +47,7 @@ macro_rules! instantiate {
                 let first = rows.start;
                 super::with_constant!(VECTORS = product.vectors, in $vectors, {
                     super::with_constant!(ROWS = rows.len(), in $rows, {
-                        // SAFETY: the caller's promise.
+                        // SAFETY: upheld by the caller.
                         unsafe {
                             multiply::segment_block::<$vector, ROWS, VECTORS>(product, first, out)
                         }
@@ -69,7 +70,7 @@ macro_rules! instantiate {
 }
 pub(super) use instantiate;
 
-/// Compile the loops for pairs of numbers in bfloat16: `PAIR_LOOPS`.
+/// Compile the loops for pairs of bfloat16 numbers as `PAIR_LOOPS`.
 macro_rules! instantiate_pairs {
     ($vector:ty, #[$($attribute:tt)*], rows $rows:tt, vectors $vectors:tt) => {
         pub(super) static PAIR_LOOPS: super::ProductLoops<Pair> = super::ProductLoops {
@@ -86,15 +87,15 @@ macro_rules! instantiate_pairs {
 }
 pub(super) use instantiate_pairs;
 
-/// Compile the products of matrices of an element, and the transforms that make their left
-/// sides.
+/// Compile the matrix products for an element type and the transforms that compute their left
+/// matrices.
 macro_rules! instantiate_products {
     (
         $element:ty, $vector:ty, #[$($attribute:tt)*], rows $rows:tt, vectors $vectors:tt,
         $multiply:ident, $input_two:ident, $input_four:ident
     ) => {
         /// # Safety
-        /// The processor has the instructions, and the slices were checked.
+        /// The processor must support the instructions, and the slices must have been checked.
         #[allow(unsafe_code)]
         #[$($attribute)*]
         unsafe fn $multiply(products: &PointProducts<'_, $element>, out: &mut [f32]) {
@@ -102,7 +103,7 @@ macro_rules! instantiate_products {
                 let first = rows.start;
                 super::with_constant!(VECTORS = products.vectors, in $vectors, {
                     super::with_constant!(ROWS = rows.len(), in $rows, {
-                        // SAFETY: the caller's promise.
+                        // SAFETY: upheld by the caller.
                         unsafe {
                             multiply::point_block::<$vector, $element, ROWS, VECTORS>(
                                 products, first, out,
@@ -129,11 +130,11 @@ pub(super) use instantiate_products;
 macro_rules! instantiate_transform {
     ($name:ident($source:ident, $out:ty), #[$($attribute:tt)*], $transform:expr) => {
         /// # Safety
-        /// The processor has the instructions, and the slices were checked.
+        /// The processor must support the instructions, and the slices must have been checked.
         #[allow(unsafe_code)]
         #[$($attribute)*]
         unsafe fn $name(source: &$source<'_>, out: &mut [$out]) {
-            // SAFETY: the caller's promise.
+            // SAFETY: upheld by the caller.
             unsafe { $transform(source, out) }
         }
     };

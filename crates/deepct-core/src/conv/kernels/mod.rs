@@ -1,11 +1,11 @@
-//! The inner loops, one file for each set of instructions, and the only place of the
-//! convolution that is `unsafe`.
+//! The inner loops, one file for each instruction set, and the only part of the convolution
+//! that is `unsafe`.
 //!
-//! The loops are written once, over `vector::Vector`: products in `multiply`, Winograd's
-//! transforms in `winograd`. A file for a set of instructions says what a vector is and
-//! how many rows and vectors of sums its registers hold; `instantiate!` compiles the loops
-//! for it. The portable kernel is plain Rust and the twin that the others are tested
-//! against; one suite, at the end of this file, runs on every kernel that the processor has.
+//! The loops are generic over `vector::Vector`: products in `multiply`, Winograd's transforms
+//! in `winograd`. The file of an instruction set defines its vector type and the number of rows
+//! and vectors of sums that fit in its registers; `instantiate!` compiles the loops for it. The
+//! portable kernel is plain Rust and the reference for the tests of the others. The tests at the
+//! end of this file run on every kernel that the processor supports.
 
 #[cfg(target_arch = "x86_64")]
 mod avx2;
@@ -34,12 +34,12 @@ use std::fmt;
 
 /// A set of inner loops that the processor can run.
 ///
-/// A value can only be had from [`Kernel::available`] and what is built on it, which ask
-/// the processor; that is why running one is safe.
+/// A value can be obtained only from [`Kernel::available`] and functions that use it, which
+/// query the processor. Running a kernel is therefore safe.
 #[derive(Clone, Copy)]
 pub struct Kernel(&'static Loops);
 
-/// The loops compiled for one set of instructions.
+/// The loops compiled for one instruction set.
 struct Loops {
     name: &'static str,
     lanes: usize,
@@ -49,15 +49,15 @@ struct Loops {
     output: [unsafe fn(&ProductRow<'_>, &mut [f32]); 2],
 }
 
-/// Winograd's loops over matrices of an element.
+/// Winograd's loops over matrices of element type `E`.
 pub(super) struct ProductLoops<E: 'static> {
-    /// Channels that an element holds.
+    /// Number of channels in an element.
     channels: usize,
     input: [unsafe fn(&TileRow<'_>, &mut [E]); 2],
     multiply: unsafe fn(&PointProducts<'_, E>, &mut [f32]),
 }
 
-/// The tiles of Winograd's filtering.
+/// The tile size of Winograd's filtering.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Tile {
     /// 2 x 2 pixels: F(2x2, 3x3).
@@ -67,7 +67,7 @@ pub(super) enum Tile {
 }
 
 impl Tile {
-    /// Pixels along each side.
+    /// Number of pixels along each side.
     pub(super) fn size(self) -> usize {
         match self {
             Self::Two => 2,
@@ -75,7 +75,7 @@ impl Tile {
         }
     }
 
-    /// Number of products that a tile wants: the pixels of the input that it sees.
+    /// Number of products of a tile, which is the number of input pixels on which it depends.
     pub(super) fn points(self) -> usize {
         (self.size() + 2) * (self.size() + 2)
     }
@@ -107,10 +107,10 @@ impl Kernel {
         Self::available().pop().unwrap_or(Self(&scalar::LOOPS))
     }
 
-    /// The kernel of that name.
+    /// The kernel with the given name.
     ///
     /// # Errors
-    /// A name that no kernel has, or one that this processor cannot run.
+    /// Returns an error if no kernel has this name or if this processor cannot run it.
     pub fn from_name(name: &str) -> Result<Self> {
         let kernels = Self::available();
         let named = kernels.iter().find(|kernel| kernel.name() == name);
@@ -121,17 +121,17 @@ impl Kernel {
         })
     }
 
-    /// Its name: `portable`, `avx2`, `avx512` or `neon`.
+    /// The name: `portable`, `avx2`, `avx512` or `neon`.
     pub fn name(self) -> &'static str {
         self.0.name
     }
 
-    /// Floats in a vector: channels are kept in whole vectors.
+    /// Number of floats in a vector. Channels are padded to whole vectors.
     pub(super) fn lanes(self) -> usize {
         self.0.lanes
     }
 
-    /// The most vectors of output channels that are summed at once.
+    /// Largest number of vectors of output channels that are summed together.
     pub(super) fn vectors(self) -> usize {
         self.0.vectors
     }
@@ -140,7 +140,7 @@ impl Kernel {
     #[allow(unsafe_code)]
     pub(super) fn sum_segments(self, product: &SegmentSum<'_>, out: &mut [f32]) {
         multiply::check_segments(product, self.0.lanes, out);
-        // SAFETY: the slices were checked, and the processor has the instructions.
+        // SAFETY: the slices were checked, and the processor supports the instructions.
         unsafe { (self.0.sum_segments)(product, out) }
     }
 
@@ -149,7 +149,7 @@ impl Kernel {
         Products { kernel: self, loops: &self.0.products }
     }
 
-    /// The loops over matrices of numbers in bfloat16, where the kernel has them.
+    /// The loops over matrices of bfloat16 numbers, if the kernel supports them.
     pub(super) fn bfloat16(self) -> Option<Products<Pair>> {
         let loops = match self.name() {
             "portable" => Some(&scalar::PAIR_LOOPS),
@@ -160,24 +160,24 @@ impl Kernel {
         Some(Products { kernel: self, loops: loops? })
     }
 
-    /// Winograd's transform of the products of a row of tiles to pixels, through the bias
-    /// and the ReLU.
+    /// Apply Winograd's output transform to the products of a row of tiles, then add the bias
+    /// and apply the ReLU.
     #[allow(unsafe_code)]
     pub(super) fn transform_output(self, tile: Tile, source: &ProductRow<'_>, out: &mut [f32]) {
         winograd::check_products(source, self.0.lanes, tile.size(), out);
-        // SAFETY: the slices were checked, and the processor has the instructions.
+        // SAFETY: the slices were checked, and the processor supports the instructions.
         unsafe { (self.0.output[tile as usize])(source, out) }
     }
 }
 
-/// Winograd's products of matrices of an element.
+/// Winograd's loops of one kernel over matrices of element type `E`.
 pub(super) struct Products<E: 'static> {
     kernel: Kernel,
     loops: &'static ProductLoops<E>,
 }
 
 impl<E> Products<E> {
-    /// Channels that an element holds.
+    /// Number of channels in an element.
     pub(super) fn channels(&self) -> usize {
         self.loops.channels
     }
@@ -186,15 +186,15 @@ impl<E> Products<E> {
     #[allow(unsafe_code)]
     pub(super) fn multiply(&self, products: &PointProducts<'_, E>, out: &mut [f32]) {
         multiply::check_points(products, self.kernel.lanes(), out);
-        // SAFETY: the slices were checked, and the processor has the instructions.
+        // SAFETY: the slices were checked, and the processor supports the instructions.
         unsafe { (self.loops.multiply)(products, out) }
     }
 
-    /// Winograd's transform of the input of a row of tiles.
+    /// Apply Winograd's input transform to a row of tiles.
     #[allow(unsafe_code)]
     pub(super) fn transform_input(&self, tile: Tile, source: &TileRow<'_>, out: &mut [E]) {
         winograd::check_tiles(source, self.kernel.lanes(), tile.size(), (out, self.channels()));
-        // SAFETY: the slices were checked, and the processor has the instructions.
+        // SAFETY: the slices were checked, and the processor supports the instructions.
         unsafe { (self.loops.input[tile as usize])(source, out) }
     }
 }
@@ -213,7 +213,7 @@ impl PartialEq for Kernel {
 
 impl Eq for Kernel {}
 
-/// The last of some rising numbers.
+/// The last of an ascending sequence of numbers.
 const fn largest(numbers: &[usize]) -> usize {
     numbers[numbers.len() - 1]
 }
@@ -230,7 +230,7 @@ mod tests {
         assert!((f64::from(found) - expected).abs() < 1e-4, "{what}: {found} {expected}");
     }
 
-    /// Every number of rows and vectors against a plain f64 sum.
+    /// Compare the kernel for all numbers of rows and vectors with a direct sum in f64.
     fn sums_segments(kernel: Kernel) {
         for vectors in 1..=kernel.vectors() {
             for rows in 1..20 {
@@ -295,8 +295,8 @@ mod tests {
         }
     }
 
-    /// A tile through both transforms, multiplied with one kernel of weights, is the
-    /// correlation with that kernel.
+    /// Check that the input transform, the product with transformed weights and the output
+    /// transform together give the correlation with those weights.
     fn filters(kernel: Kernel, tile: Tile) {
         let (lanes, size) = (kernel.lanes(), tile.size());
         let (tiles, seen) = (3, size + 2);

@@ -1,52 +1,52 @@
 //! Matrix products whose sums stay in registers.
 //!
-//! A block of `ROWS` rows (pixels or tiles) by `VECTORS` vectors of output channels is
-//! summed at once: for each value along the depth one vector of weights is loaded per
-//! vector of channels, and one value of the left side is spread over all lanes per row.
+//! A block of `ROWS` rows (pixels or tiles) by `VECTORS` vectors of output channels is summed
+//! together. For each index along the depth, one vector of weights is loaded per vector of
+//! channels, and one value of the left matrix is broadcast to all lanes per row.
 
 use super::vector::{Element, Vector};
 
-/// A batch of products `out[point] = left[point] right[point]`, one for each point of
-/// Winograd's filtering, of matrices of some [`Element`].
+/// A batch of matrix products `out[point] = left[point] right[point]`, one for each point of
+/// Winograd's filtering; `E` is an [`Element`].
 #[derive(Debug)]
 pub(crate) struct PointProducts<'a, E> {
     /// Number of products.
     pub(crate) points: usize,
-    /// Rows of the left side and of the result: tiles.
+    /// Number of rows of the left matrix and of the result: tiles.
     pub(crate) rows: usize,
-    /// Columns of the left side: elements that hold the input channels.
+    /// Number of columns of the left matrix: elements that contain the input channels.
     pub(crate) depth: usize,
-    /// Vectors of output channels.
+    /// Number of vectors of output channels.
     pub(crate) vectors: usize,
     /// `[point, row, column]`.
     pub(crate) left: &'a [E],
     /// Distance between points and between rows of `left`.
     pub(crate) left_pitch: [usize; 2],
-    /// `[point, column of the left side, output channel]`, contiguous, whole vectors.
+    /// `[point, column of the left matrix, output channel]`, contiguous, in whole vectors.
     pub(crate) right: &'a [E],
     /// Distance between points and between rows of the result.
     pub(crate) out_pitch: [usize; 2],
 }
 
-/// A row of pixels that is the sum of several products, through a bias and a ReLU:
+/// A row of pixels computed as a sum of several products with bias and ReLU:
 /// `out = relu(bias + sum over segments of left[segment] right[segment])`.
 #[derive(Debug)]
 pub(crate) struct SegmentSum<'a> {
-    /// The left sides, each from its first row on.
+    /// The left matrices, each from its first row on.
     pub(crate) segments: &'a [&'a [f32]],
-    /// Distance between the rows of a left side.
+    /// Distance between the rows of a left matrix.
     pub(crate) left_pitch: usize,
-    /// Rows of the result: pixels.
+    /// Number of rows of the result: pixels.
     pub(crate) rows: usize,
-    /// Columns of a left side.
+    /// Number of columns of a left matrix.
     pub(crate) depth: usize,
-    /// Vectors of output channels.
+    /// Number of vectors of output channels.
     pub(crate) vectors: usize,
-    /// `[segment, column of the left side, output channel]`, contiguous, whole vectors.
+    /// `[segment, column of the left matrix, output channel]`, contiguous, in whole vectors.
     pub(crate) right: &'a [f32],
-    /// One for each output channel, whole vectors.
+    /// One value for each output channel, in whole vectors.
     pub(crate) bias: &'a [f32],
-    /// Whether negative sums become 0.
+    /// Whether negative sums are set to 0.
     pub(crate) relu: bool,
     /// Distance between the rows of the result.
     pub(crate) out_pitch: usize,
@@ -58,8 +58,8 @@ type Sums<V, const ROWS: usize, const VECTORS: usize> = [[V; VECTORS]; ROWS];
 /// Add `left right` to the sums.
 ///
 /// # Safety
-/// As for [`Vector`]; `left` can be read at `row * pitch + column` for all rows and
-/// `depth` columns, and `right` holds `depth * VECTORS` vectors.
+/// As for [`Vector`]. In addition, `left` must be readable at `row * pitch + column` for all
+/// rows and `depth` columns, and `right` must contain `depth * VECTORS` vectors.
 #[allow(unsafe_code)]
 #[inline(always)]
 unsafe fn accumulate<V: Vector, E: Element<V>, const ROWS: usize, const VECTORS: usize>(
@@ -70,7 +70,7 @@ unsafe fn accumulate<V: Vector, E: Element<V>, const ROWS: usize, const VECTORS:
     depth: usize,
 ) {
     for column in 0..depth {
-        // SAFETY: `column` is below `depth`; the rest is the caller's promise.
+        // SAFETY: `column` is below `depth`; the caller upholds the rest.
         unsafe {
             let right = right.add(column * VECTORS * V::LANES);
             let weights: [E::Vector; VECTORS] =
@@ -85,10 +85,10 @@ unsafe fn accumulate<V: Vector, E: Element<V>, const ROWS: usize, const VECTORS:
     }
 }
 
-/// One block of rows of every product, from row `first` on.
+/// Compute one block of rows of every product, from row `first` on.
 ///
 /// # Safety
-/// As for [`Vector`]; the slices hold what [`check_points`] asks for.
+/// As for [`Vector`]. In addition, the slices must satisfy [`check_points`].
 #[allow(unsafe_code)]
 #[inline(always)]
 pub(super) unsafe fn point_block<V, E, const ROWS: usize, const VECTORS: usize>(
@@ -118,10 +118,10 @@ pub(super) unsafe fn point_block<V, E, const ROWS: usize, const VECTORS: usize>(
     }
 }
 
-/// One block of rows of a sum over segments, from row `first` on.
+/// Compute one block of rows of a sum over segments, from row `first` on.
 ///
 /// # Safety
-/// As for [`Vector`]; the slices hold what [`check_segments`] asks for.
+/// As for [`Vector`]. In addition, the slices must satisfy [`check_segments`].
 #[allow(unsafe_code)]
 #[inline(always)]
 pub(super) unsafe fn segment_block<V: Vector, const ROWS: usize, const VECTORS: usize>(
@@ -150,7 +150,7 @@ pub(super) unsafe fn segment_block<V: Vector, const ROWS: usize, const VECTORS: 
     }
 }
 
-/// Whether the slices of a batch of products are as long as its numbers say.
+/// Assert that the slices of a batch of products have the stated lengths.
 pub(super) fn check_points<E>(products: &PointProducts<'_, E>, lanes: usize, out: &[f32]) {
     let PointProducts { points, rows, depth, vectors, left_pitch, out_pitch, .. } = *products;
     assert!(points > 0 && rows > 0);
@@ -160,7 +160,7 @@ pub(super) fn check_points<E>(products: &PointProducts<'_, E>, lanes: usize, out
     assert!(out.len() >= last(out_pitch) + vectors * lanes);
 }
 
-/// Whether the slices of a sum are as long as its numbers say.
+/// Assert that the slices of a sum have the stated lengths.
 pub(super) fn check_segments(product: &SegmentSum<'_>, lanes: usize, out: &[f32]) {
     let SegmentSum { rows, depth, vectors, left_pitch, out_pitch, segments, .. } = *product;
     assert!(rows > 0);

@@ -1,9 +1,9 @@
-//! Planes of an output shared out among threads, some rows at a time.
+//! Distribution of the output planes among threads, in bands of rows.
 
 use std::marker::PhantomData;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// An array `[channel, row, col]` whose bands of rows are handed out once each.
+/// An array `[channel, row, col]` whose bands of rows are each handed out once.
 #[derive(Debug)]
 pub(crate) struct SharedPlanes<'a> {
     values: *mut f32,
@@ -14,11 +14,11 @@ pub(crate) struct SharedPlanes<'a> {
     borrowed: PhantomData<&'a mut [f32]>,
 }
 
-// SAFETY: a shared array only hands out bands, and no band twice.
+// SAFETY: a shared array hands out disjoint bands, each at most once.
 #[allow(unsafe_code)]
 unsafe impl Sync for SharedPlanes<'_> {}
 
-/// A band of rows in every plane, for one thread alone.
+/// A band of rows in every plane, for exclusive use by one thread.
 #[derive(Debug)]
 pub(crate) struct PlaneBand<'a> {
     start: *mut f32,
@@ -29,8 +29,8 @@ pub(crate) struct PlaneBand<'a> {
 }
 
 impl<'a> SharedPlanes<'a> {
-    /// Share `values`, planes of `plane_len` each, in bands of `band_len`; `taken` has a
-    /// flag for each band, all down.
+    /// Share `values`, which consist of planes of length `plane_len`, in bands of length
+    /// `band_len`. `taken` has a flag for each band, initially false.
     pub(crate) fn new(
         values: &'a mut [f32],
         plane_len: usize,
@@ -42,7 +42,7 @@ impl<'a> SharedPlanes<'a> {
         Self { values, channels, plane_len, band_len, taken, borrowed: PhantomData }
     }
 
-    /// Band `band`, unless somebody has it or there is none.
+    /// Band `band`; `None` if it has been taken already or does not exist.
     #[allow(unsafe_code)]
     pub(crate) fn take(&self, band: usize) -> Option<PlaneBand<'a>> {
         let start = band.checked_mul(self.band_len).filter(|start| *start < self.plane_len)?;
@@ -51,7 +51,7 @@ impl<'a> SharedPlanes<'a> {
         }
         let Self { channels, plane_len, .. } = *self;
         let len = self.band_len.min(plane_len - start);
-        // SAFETY: `start` is inside of the first plane.
+        // SAFETY: `start` is inside the first plane.
         let start = unsafe { self.values.add(start) };
         Some(PlaneBand { start, len, channels, plane_len, borrowed: PhantomData })
     }
@@ -61,14 +61,14 @@ impl PlaneBand<'_> {
     /// The rows of the band in the plane of `channel`.
     ///
     /// # Panics
-    /// When there is no such channel.
+    /// Panics if there is no such channel.
     #[allow(unsafe_code)]
     pub(crate) fn plane(&mut self, channel: usize) -> &mut [f32] {
         assert!(channel < self.channels);
-        // SAFETY: the rows lie in plane `channel` of the array that is borrowed for as long
-        // as bands live. No other band has any of them, because each is handed out once and
-        // bands do not overlap; no other plane of this band is alive, because this borrows
-        // the band.
+        // SAFETY: the rows are in plane `channel` of the array, which is borrowed for the
+        // lifetime of the bands. No other band contains any of them, because each band is handed
+        // out once and bands do not overlap. No other slice of this band exists, because this
+        // method borrows the band mutably.
         unsafe {
             std::slice::from_raw_parts_mut(self.start.add(channel * self.plane_len), self.len)
         }

@@ -1,9 +1,9 @@
-//! Portable: arrays of four floats that the compiler turns into whatever vectors the
-//! target has. The twin that the other kernels are tested against.
+//! The portable kernel: arrays of four floats, for which the compiler uses the vector
+//! instructions of the target. The other kernels are tested against it.
 
 use super::vector::{Element, Pair, Vector, pair};
 
-/// Four floats.
+/// A vector of four floats.
 #[derive(Debug, Clone, Copy)]
 #[repr(transparent)]
 struct Quad([f32; 4]);
@@ -15,7 +15,7 @@ impl Quad {
     }
 }
 
-// SAFETY: plain Rust, which every processor runs.
+// SAFETY: the methods are plain Rust, which every processor can run.
 #[allow(unsafe_code)]
 unsafe impl Vector for Quad {
     const LANES: usize = 4;
@@ -27,13 +27,13 @@ unsafe impl Vector for Quad {
 
     #[inline(always)]
     unsafe fn load(from: *const f32) -> Self {
-        // SAFETY: the trait's promise; floats need no more alignment than they have.
+        // SAFETY: upheld by the caller, see the trait; the array has the alignment of a float.
         Self(unsafe { from.cast::<[f32; 4]>().read() })
     }
 
     #[inline(always)]
     unsafe fn store(self, to: *mut f32) {
-        // SAFETY: the trait's promise.
+        // SAFETY: upheld by the caller, see the trait.
         unsafe { to.cast::<[f32; 4]>().write(self.0) }
     }
 
@@ -52,7 +52,7 @@ unsafe impl Vector for Quad {
         self.zip(factor, |left, right| left * right)
     }
 
-    /// Rounded twice: a fused operation is a slow function call on targets without the
+    /// Rounds twice, because a fused operation is a slow function call on targets without the
     /// instruction.
     #[inline(always)]
     unsafe fn mul_add(self, factor: Self, addend: Self) -> Self {
@@ -65,7 +65,7 @@ unsafe impl Vector for Quad {
     }
 }
 
-// SAFETY: plain Rust, which every processor runs.
+// SAFETY: the methods are plain Rust, which every processor can run.
 #[allow(unsafe_code)]
 unsafe impl Element<Quad> for Pair {
     const CHANNELS: usize = 2;
@@ -79,13 +79,13 @@ unsafe impl Element<Quad> for Pair {
 
     #[inline(always)]
     unsafe fn load(from: *const Pair) -> [Pair; 4] {
-        // SAFETY: the trait's promise; words need no more alignment than they have.
+        // SAFETY: upheld by the caller, see the trait; the array has the alignment of a pair.
         unsafe { from.cast::<[Pair; 4]>().read() }
     }
 
     #[inline(always)]
     unsafe fn store(Quad([a, b, c, d]): Quad, to: *mut Pair) {
-        // SAFETY: the trait's promise.
+        // SAFETY: upheld by the caller, see the trait.
         unsafe { to.cast::<[Pair; 2]>().write([pair(a, b), pair(c, d)]) }
     }
 
@@ -100,7 +100,7 @@ unsafe impl Element<Quad> for Pair {
     }
 }
 
-// 4 rows by 2 vectors are 8 sums of the 16 registers that the smallest targets have.
+// 4 rows by 2 vectors are 8 sums; the smallest targets have 16 registers.
 super::instantiate!(
     "portable", Quad, #[inline(never)],
     rows [1, 2, 3, 4], vectors [1, 2]

@@ -1,32 +1,32 @@
-//! What the inner loops want of a vector of floats: they are written once, over this.
+//! The vector interface over which the inner loops are generic.
 
 /// A vector register.
 ///
-/// Its methods are inlined into functions that are compiled for the instructions.
+/// The methods are inlined into functions that are compiled for the instruction set.
 ///
 /// # Safety
-/// The methods may run only where the processor has the instructions of the type.
+/// The methods may be called only if the processor supports the instructions of the type.
 #[allow(unsafe_code)]
 pub(super) unsafe trait Vector: Copy {
     /// Number of floats.
     const LANES: usize;
 
-    /// All lanes the same.
+    /// A vector whose lanes are all equal to `value`.
     ///
     /// # Safety
     /// As for the trait.
     unsafe fn splat(value: f32) -> Self;
 
-    /// The lanes from `from` on, which need no alignment.
+    /// Load the lanes from the address `from`, which need not be aligned.
     ///
     /// # Safety
-    /// That many floats can be read there.
+    /// `LANES` floats must be readable there.
     unsafe fn load(from: *const f32) -> Self;
 
-    /// Write the lanes to `to` on, which needs no alignment.
+    /// Write the lanes to the address `to`, which need not be aligned.
     ///
     /// # Safety
-    /// That many floats can be written there.
+    /// `LANES` floats must be writable there.
     unsafe fn store(self, to: *mut f32);
 
     /// `self + other`.
@@ -47,7 +47,7 @@ pub(super) unsafe trait Vector: Copy {
     /// As for the trait.
     unsafe fn mul(self, factor: Self) -> Self;
 
-    /// `self * factor + addend`, rounded once where the processor can.
+    /// `self * factor + addend`, rounded once if the processor supports it.
     ///
     /// # Safety
     /// As for the trait.
@@ -60,45 +60,45 @@ pub(super) unsafe trait Vector: Copy {
     unsafe fn max(self, other: Self) -> Self;
 }
 
-/// What matrices are made of: floats, or pairs of floats rounded to bfloat16, whose
-/// products are summed two at a time.
+/// An element of a matrix: a float, or a pair of floats rounded to bfloat16, whose products are
+/// summed two at a time.
 ///
 /// # Safety
 /// As for [`Vector`].
 #[allow(unsafe_code)]
 pub(super) unsafe trait Element<V: Vector>: Copy {
-    /// Channels that an element holds.
+    /// Number of channels in an element.
     const CHANNELS: usize;
 
-    /// As many elements as `V` has lanes.
+    /// A vector of as many elements as `V` has lanes.
     type Vector: Copy;
 
-    /// All lanes the same.
+    /// A vector whose lanes are all equal to `self`.
     ///
     /// # Safety
     /// As for the trait.
     unsafe fn splat(self) -> Self::Vector;
 
-    /// The lanes from `from` on, which need no alignment.
+    /// Load the lanes from the address `from`, which need not be aligned.
     ///
     /// # Safety
-    /// That many elements can be read there.
+    /// As many elements as `V` has lanes must be readable there.
     unsafe fn load(from: *const Self) -> Self::Vector;
 
-    /// Write the channels of `values` to `to` on, as `LANES / CHANNELS` elements.
+    /// Write the channels of `values` to the address `to`, as `LANES / CHANNELS` elements.
     ///
     /// # Safety
-    /// That many elements can be written there.
+    /// That many elements must be writable there.
     unsafe fn store(values: V, to: *mut Self);
 
-    /// `sums` and the products of the channels of two elements in each lane.
+    /// `sums` plus the products of the channels of two elements, lane by lane.
     ///
     /// # Safety
     /// As for the trait.
     unsafe fn multiply_add(left: Self::Vector, right: Self::Vector, sums: V) -> V;
 }
 
-// SAFETY: as for the vector.
+// SAFETY: the methods call those of the vector.
 #[allow(unsafe_code)]
 unsafe impl<V: Vector> Element<V> for f32 {
     const CHANNELS: usize = 1;
@@ -107,34 +107,34 @@ unsafe impl<V: Vector> Element<V> for f32 {
 
     #[inline(always)]
     unsafe fn splat(self) -> V {
-        // SAFETY: the trait's promise.
+        // SAFETY: upheld by the caller, see the trait.
         unsafe { V::splat(self) }
     }
 
     #[inline(always)]
     unsafe fn load(from: *const f32) -> V {
-        // SAFETY: the trait's promise.
+        // SAFETY: upheld by the caller, see the trait.
         unsafe { V::load(from) }
     }
 
     #[inline(always)]
     unsafe fn store(values: V, to: *mut f32) {
-        // SAFETY: the trait's promise.
+        // SAFETY: upheld by the caller, see the trait.
         unsafe { values.store(to) }
     }
 
     #[inline(always)]
     unsafe fn multiply_add(left: V, right: V, sums: V) -> V {
-        // SAFETY: the trait's promise.
+        // SAFETY: upheld by the caller, see the trait.
         unsafe { left.mul_add(right, sums) }
     }
 }
 
-/// Two numbers rounded to bfloat16, the first in the lower half: the 16 higher bits of a
-/// float, rounded to nearest, ties to even.
+/// Two bfloat16 numbers, the first in the lower half. A bfloat16 number consists of the 16 higher
+/// bits of a float, rounded to nearest, ties to even.
 pub(crate) type Pair = u32;
 
-/// Round two floats.
+/// Round two floats to bfloat16 and pack them.
 #[inline(always)]
 pub(crate) fn pair(low: f32, high: f32) -> Pair {
     let rounded = |value: f32| u32::from(half::bf16::from_f32(value).to_bits());

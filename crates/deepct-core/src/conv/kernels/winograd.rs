@@ -1,11 +1,11 @@
-//! The transforms of Winograd's minimal filtering, a vector of channels at a time.
+//! The transforms of Winograd's minimal filtering, applied to a vector of channels at a time.
 //!
-//! A tile of `OUT x OUT` pixels depends on `IN x IN` of the input, IN = OUT + 2. The
-//! tile's values `d` become `B^T d B`, are multiplied point by point with the weights
-//! `G g G^T`, summed over the input channels, and `A^T m A` gives the pixels (Winograd
-//! 1980; Lavin and Gray 2016, sections 4.1 and 4.3). For F(2x2) the matrices are theirs; for
-//! F(4x4) they follow from other points by the construction of Toom and Cook (Barabasz et al.
-//! 2020, section 2).
+//! A tile of `OUT x OUT` pixels depends on `IN x IN` input pixels, IN = OUT + 2. The input
+//! values `d` of the tile are transformed to `B^T d B`, multiplied point by point with the
+//! weights `G g G^T` and summed over the input channels to `m`; the pixels are `A^T m A`
+//! (Winograd 1980; Lavin and Gray 2016, sections 4.1 and 4.3). The matrices of F(2x2) are those
+//! of the latter paper; the matrices of F(4x4) are constructed from other points by the
+//! Toom-Cook algorithm (Barabasz et al. 2020, section 2).
 
 use super::vector::{Element, Vector};
 
@@ -38,21 +38,21 @@ pub(super) struct Four;
 impl Filtering<4, 2> for Two {
     #[inline(always)]
     unsafe fn input<V: Vector>([d0, d1, d2, d3]: [V; 4]) -> [V; 4] {
-        // SAFETY: the caller's promise.
+        // SAFETY: upheld by the caller.
         unsafe { [d0.sub(d2), d1.add(d2), d2.sub(d1), d1.sub(d3)] }
     }
 
     #[inline(always)]
     unsafe fn output<V: Vector>([m0, m1, m2, m3]: [V; 4]) -> [V; 2] {
-        // SAFETY: the caller's promise.
+        // SAFETY: upheld by the caller.
         unsafe { [m0.add(m1).add(m2), m1.sub(m2).sub(m3)] }
     }
 }
 
-/// The points at which the polynomials behind F(4x4, 3x3) are multiplied, beside 0 and
-/// infinity: plus and minus each. Those that are taken most often, 1 and 2, lose two to three
-/// times as much to rounding, because their powers lie farther apart. The powers of these are
-/// floats without rounding.
+/// The points at which the polynomials of F(4x4, 3x3) are evaluated, in addition to 0 and
+/// infinity: plus and minus each. With the common choice of 1 and 2, rounding errors are two to
+/// three times as large, because the powers of these numbers differ more. The powers of the
+/// points used here are exact in floating point.
 const NEAR: f32 = 0.75;
 const FAR: f32 = 1.5;
 
@@ -62,7 +62,7 @@ impl Filtering<6, 4> for Four {
     unsafe fn input<V: Vector>([d0, d1, d2, d3, d4, d5]: [V; 6]) -> [V; 6] {
         const NEAR_2: f32 = NEAR * NEAR;
         const FAR_2: f32 = FAR * FAR;
-        // SAFETY: the caller's promise.
+        // SAFETY: upheld by the caller.
         unsafe {
             let (sum, product) = (V::splat(-(NEAR_2 + FAR_2)), V::splat(NEAR_2 * FAR_2));
             let near_even = V::splat(-FAR_2).mul_add(d2, d4);
@@ -82,7 +82,7 @@ impl Filtering<6, 4> for Four {
 
     #[inline(always)]
     unsafe fn output<V: Vector>([m0, m1, m2, m3, m4, m5]: [V; 6]) -> [V; 4] {
-        // SAFETY: the caller's promise.
+        // SAFETY: upheld by the caller.
         unsafe {
             let (near, far) = (m1.add(m2), m3.add(m4));
             let (near_difference, far_difference) = (m1.sub(m2), m3.sub(m4));
@@ -99,15 +99,16 @@ impl Filtering<6, 4> for Four {
     }
 }
 
-/// `G g G^T` of the nine taps of F(2x2, 3x3), in f64 and rounded once.
+/// `G g G^T` of the nine taps for F(2x2, 3x3), computed in f64 and rounded once.
 pub(crate) fn weights_two(taps: &[f32; 9]) -> [f32; 16] {
     transform([[1.0, 0.0, 0.0], [0.5, 0.5, 0.5], [0.5, -0.5, 0.5], [0.0, 0.0, 1.0]], taps)
 }
 
-/// `G g G^T` of the nine taps of F(4x4, 3x3), in f64 and rounded once.
+/// `G g G^T` of the nine taps for F(4x4, 3x3), computed in f64 and rounded once.
 pub(crate) fn weights_four(taps: &[f32; 9]) -> [f32; 36] {
     let points = [0.0, NEAR, -NEAR, FAR, -FAR].map(f64::from);
-    // The values of the taps' polynomial, over the product of the distances to the others.
+    // The value of the taps' polynomial at the point, divided by the product of the differences
+    // from the other points.
     let row = |index: usize| {
         let point = points[index];
         let others = points.iter().filter(|other| **other != point);
@@ -132,20 +133,20 @@ fn transform<const IN: usize, const POINTS: usize>(
 /// A row of tiles of one band.
 #[derive(Debug)]
 pub(crate) struct TileRow<'a> {
-    /// The rows of the input that the tiles see, `[column, channel]` each: with `IN` of
-    /// them the first tile starts at the first column.
+    /// The `IN` input rows on which the tiles depend, each `[column, channel]`. The first tile
+    /// starts at the first column.
     pub(crate) rows: &'a [&'a [f32]],
     /// Number of tiles.
     pub(crate) tiles: usize,
     /// Distance between the columns of the input.
     pub(crate) column_pitch: usize,
-    /// Vectors of channels.
+    /// Number of vectors of channels.
     pub(crate) vectors: usize,
-    /// Distance between points and between tiles of what is written.
+    /// Distance between points and between tiles of the result.
     pub(crate) out_pitch: [usize; 2],
 }
 
-/// A row of tiles whose products are known.
+/// The products of a row of tiles, to be transformed to pixels.
 #[derive(Debug)]
 pub(crate) struct ProductRow<'a> {
     /// `[point, tile, channel]`.
@@ -154,20 +155,20 @@ pub(crate) struct ProductRow<'a> {
     pub(crate) pitch: [usize; 2],
     /// Number of tiles.
     pub(crate) tiles: usize,
-    /// Vectors of channels.
+    /// Number of vectors of channels.
     pub(crate) vectors: usize,
-    /// One for each output channel, whole vectors.
+    /// One value for each output channel, in whole vectors.
     pub(crate) bias: &'a [f32],
-    /// Whether negative sums become 0.
+    /// Whether negative sums are set to 0.
     pub(crate) relu: bool,
-    /// Distance between the rows and between the columns of what is written.
+    /// Distance between the rows and between the columns of the result.
     pub(crate) out_pitch: [usize; 2],
 }
 
 /// Write `B^T d B` of every tile: `[point, tile, element]`.
 ///
 /// # Safety
-/// As for [`Vector`]; the slices hold what [`check_tiles`] asks for.
+/// As for [`Vector`]. In addition, the slices must satisfy [`check_tiles`].
 #[allow(unsafe_code)]
 #[inline(always)]
 pub(super) unsafe fn input<V, E, F, const IN: usize, const OUT: usize>(
@@ -205,11 +206,10 @@ pub(super) unsafe fn input<V, E, F, const IN: usize, const OUT: usize>(
     }
 }
 
-/// Write the pixels `A^T m A` of every tile through the bias and the ReLU: `[row,
-/// column, channel]`.
+/// Write the pixels `A^T m A` of every tile, with bias and ReLU: `[row, column, channel]`.
 ///
 /// # Safety
-/// As for [`Vector`]; the slices hold what [`check_products`] asks for.
+/// As for [`Vector`]. In addition, the slices must satisfy [`check_products`].
 #[allow(unsafe_code)]
 #[inline(always)]
 pub(super) unsafe fn output<V, F, const IN: usize, const OUT: usize>(
@@ -248,7 +248,8 @@ pub(super) unsafe fn output<V, F, const IN: usize, const OUT: usize>(
     }
 }
 
-/// Whether the slices are as long as the numbers say, the output in elements of some channels.
+/// Assert that the slices have the stated lengths; an element of the output contains `channels`
+/// channels.
 pub(super) fn check_tiles<E>(
     source: &TileRow<'_>,
     lanes: usize,
@@ -265,7 +266,7 @@ pub(super) fn check_tiles<E>(
     assert!(out.len() >= last + vectors * lanes / channels);
 }
 
-/// Whether the slices are as long as the numbers say.
+/// Assert that the slices have the stated lengths.
 pub(super) fn check_products(source: &ProductRow<'_>, lanes: usize, out_size: usize, out: &[f32]) {
     let ProductRow { products, pitch, tiles, vectors, bias, out_pitch, .. } = *source;
     let points = (out_size + 2) * (out_size + 2);

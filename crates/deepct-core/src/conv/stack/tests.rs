@@ -1,4 +1,5 @@
-//! Stacks against layers one by one, in every method, kernel and precision.
+//! Tests of stacks against the definition of the layers, for all algorithms, kernels and
+//! precisions.
 
 use super::*;
 use crate::conv::{Kernel, Precision};
@@ -33,8 +34,8 @@ fn stack(layers: &[Layer], settings: Settings) -> Stack {
     Stack::new(layers.iter().map(convolution).collect(), settings).unwrap()
 }
 
-/// Every kernel with every algorithm, and with the one it chooses, in every precision
-/// that they have.
+/// All kernels with every algorithm, and with the automatic choice, in every supported
+/// precision.
 fn all_settings() -> Vec<Settings> {
     let mut all = Vec::new();
     for kernel in Kernel::available() {
@@ -48,7 +49,7 @@ fn all_settings() -> Vec<Settings> {
     all
 }
 
-/// The definition, in f64: no padding tricks, no packing, no blocks.
+/// The definition of the convolution, evaluated in f64 without padding, packing or blocks.
 fn naive(layers: &[Layer], input: &[f32], [rows, cols]: [usize; 2]) -> Vec<f64> {
     let mut values: Vec<f64> = input.iter().copied().map(f64::from).collect();
     for (weight, bias, relu) in layers {
@@ -83,15 +84,15 @@ fn run(stack: &Stack, input: &[f32], [rows, cols]: [usize; 2]) -> Vec<f32> {
     output
 }
 
-/// The largest error over the largest value.
+/// The largest error divided by the largest value.
 fn error(found: &[f32], expected: &[f64]) -> f64 {
     let largest = expected.iter().fold(0.0_f64, |most, value| most.max(value.abs()));
     let errors = found.iter().zip(expected).map(|(f, e)| (f64::from(*f) - e).abs());
     errors.fold(0.0, f64::max) / largest
 }
 
-/// What rounding may do in a few layers, over the largest value. F(4x4) multiplies and
-/// divides by up to 64 on its way; the numbers of bfloat16 have 8 bits.
+/// Bound on the rounding error of a few layers, relative to the largest value. F(4x4) multiplies
+/// and divides by up to 64; bfloat16 numbers have 8 significant bits.
 fn bound(settings: Settings) -> f64 {
     match (settings.precision, settings.algorithm) {
         (Precision::Bfloat16, Some(Algorithm::WinogradF2)) => 0.02,
@@ -119,7 +120,7 @@ fn every_algorithm_on_every_kernel_equals_the_definition_for_any_shape() {
     }
 }
 
-/// Tiles and rows of sums end in every way at the end of the image.
+/// Covers all possible positions of the image edge within tiles and within rows of sums.
 #[test]
 fn every_width_is_computed_whole() {
     let layers = layers(&[1, 2]);
@@ -134,7 +135,8 @@ fn every_width_is_computed_whole() {
     }
 }
 
-/// Neither threads, nor a wave, nor strips, nor a batch change a bit.
+/// Neither the number of threads, nor blocks, nor strips, nor a batch change the result, which is
+/// identical bit by bit.
 #[test]
 fn the_way_through_the_image_changes_no_bit() {
     let channels = [10, 12, 14, 16, 9];
@@ -157,8 +159,8 @@ fn the_way_through_the_image_changes_no_bit() {
     }
 }
 
-/// The instructions for bfloat16 and their portable twin round the same, but for the
-/// order of sums.
+/// The bfloat16 instructions and the portable kernel round in the same manner and differ only
+/// in the order of summation.
 #[test]
 fn bfloat16_is_the_same_on_every_kernel() {
     let layers = layers(&[33, 18, 20]);
@@ -237,7 +239,8 @@ fn layers_and_slices_that_do_not_fit_are_refused() {
     assert!(small.scratch([1, usize::MAX, 2]).is_err());
 }
 
-/// A source that panics in one thread ends the run in all of them, and the scratch can be used again.
+/// A source that panics in one thread ends the run in all threads, and the scratch memory remains
+/// usable.
 #[test]
 fn a_panic_of_a_source_reaches_the_caller() {
     struct Broken;

@@ -1,8 +1,8 @@
-//! Minima of known functions, and what is known of them.
+//! Tests with functions whose minima are known.
 
 use super::*;
 
-/// Rosenbrock's function in many variables and its derivatives.
+/// The Rosenbrock function of many variables and its derivatives.
 struct Rosenbrock {
     x: Vec<f64>,
 }
@@ -41,10 +41,10 @@ fn minimise(start: &[f64], bounds: Bounds, steps: usize) -> Minimiser {
     minimiser
 }
 
-/// Lowest values, points and numbers of values by SciPy 1.17.1,
-/// `minimize(rosen, x0, jac=rosen_der, method="L-BFGS-B", options=dict(ftol=1e-16,
-/// gtol=1e-10))`, from (-1.2, 1, -1.2, 1, ...) in ten variables; the two with bounds
-/// agree with `method="trust-constr"` to 2e-11.
+/// Lowest values, points and numbers of evaluations from SciPy 1.17.1 with `minimize(rosen, x0,
+/// jac=rosen_der, method="L-BFGS-B", options=dict(ftol=1e-16, gtol=1e-10))`, starting at (-1.2, 1,
+/// -1.2, 1, ...) in ten variables. The two cases with bounds agree with `method="trust-constr"` to
+/// 2e-11.
 #[test]
 fn rosenbrock_within_bounds_as_by_scipy() {
     let start = [-1.2, 1.0].repeat(5);
@@ -70,7 +70,8 @@ fn rosenbrock_within_bounds_as_by_scipy() {
     }
 }
 
-/// A bowl a million times steeper one way than the other, whose second derivatives are known.
+/// A quadratic function that is a million times steeper along one axis than along another and whose
+/// second derivatives are known.
 struct Bowl {
     x: Vec<f64>,
     known: bool,
@@ -127,7 +128,7 @@ fn a_minimisation_goes_on_where_it_was() {
 #[test]
 fn at_a_minimum_there_is_no_step() {
     let bounds = Bounds { lower: vec![2.0; 2], upper: vec![3.0; 2] };
-    // Both derivatives of (x1 - x0^2)^2 push x0 down to its bound and x1 up to its own.
+    // Both derivatives of (x1 - x0^2)^2 push x0 to its lower bound and x1 to its upper bound.
     let minimiser = minimise(&[2.5, 2.5], bounds, 50);
     assert_eq!(minimiser.point().x, [2.0, 3.0]);
     let mut function = Rosenbrock { x: vec![2.0, 3.0] };

@@ -1,4 +1,4 @@
-//! Inversions of a cloud that only absorbs, whose images are known.
+//! Tests of inversions of an absorbing cloud whose images are known.
 
 use super::*;
 use crate::image::ViewStack;
@@ -9,10 +9,10 @@ use crate::scene::{Observation, Sun, View};
 use crate::traverse::walk;
 use std::cell::RefCell;
 
-// A model with a known answer: parallel light that an extinction absorbs, seen against
-// a bright background.
+// The forward model has a known solution: parallel light, absorbed by the extinction in front of a
+// bright background.
 
-/// `1 - exp(-optical depth)` along the middle of each pixel.
+/// `1 - exp(-optical depth)` along the centre of each pixel.
 struct Absorption {
     views: Vec<View>,
 }
@@ -66,7 +66,7 @@ impl ForwardModel for OnGrid<'_> {
     }
 }
 
-/// A smooth cloud, its absorption by seven views around it, and the model of them.
+/// A smooth cloud, an observation of its absorption in seven views, and the forward model.
 fn observe() -> (Volume, Observation, Absorption) {
     let grid = Grid::new(DVec3::new(0.0, 0.0, 0.5), DVec3::splat(0.05), [8, 10, 12]).unwrap();
     let value = |(k, j, i)| {
@@ -101,14 +101,14 @@ fn settings() -> InversionSettings {
     }
 }
 
-/// The voxels of the cloud and those around it.
+/// The voxels of the cloud and their neighbours.
 fn mask(truth: &Volume) -> Mask {
     let counted = Array3::from_elem(truth.grid.shape, true);
     let spread = smooth(&truth.values.mapv(f64::from), &counted);
     Mask::new(truth.grid, spread.mapv(|value| value > 0.0)).unwrap()
 }
 
-/// Counts steps, keeps the last checkpoint, and stops after a number of steps.
+/// Stores the checkpoints and stops after a number of iterations.
 struct Keeper {
     stop_after: usize,
     kept: RefCell<Vec<Checkpoint>>,
@@ -180,7 +180,7 @@ fn an_inversion_goes_on_where_it_was_stopped() {
     }
 }
 
-/// A model whose images are a tenth too dark, corrected where it is asked for.
+/// Models whose images are 10 % too dark, with a correction near the solution.
 struct TooDark(Absorption);
 
 impl Models for TooDark {
@@ -211,8 +211,7 @@ impl ForwardModel for Dimmed<'_> {
     }
 }
 
-/// Correction after correction the images of the answer become those of the accurate model, and a
-/// stopped run comes to the same.
+/// With each correction, the images of the solution approach those of the accurate model.
 #[test]
 fn corrections_end_at_the_answer_of_the_accurate_model() {
     let (truth, observation, models) = observe();
@@ -237,7 +236,7 @@ fn corrections_end_at_the_answer_of_the_accurate_model() {
     assert!(errors[2] < 0.5 * errors[1], "{errors:?}");
 }
 
-/// Where the images say next to nothing, a rough start is not smoothed.
+/// A rough start is not smoothed if the images contain almost no information.
 #[test]
 fn a_start_is_what_the_prior_expects() {
     let (truth, observation, mut models) = observe();

@@ -1,4 +1,4 @@
-//! Optical depths and free paths along the rays through a field.
+//! Optical depths and free paths along rays through a field.
 
 use super::walk::Segment;
 use super::{Field, Heading, floor};
@@ -6,8 +6,7 @@ use crate::math::DVec3;
 use rayon::prelude::*;
 
 impl Field {
-    /// Optical depth from a point to the end of the medium; infinity as soon as it is
-    /// beyond `limit`.
+    /// Optical depth from a point to the end of the medium; infinite as soon as it exceeds `limit`.
     #[inline]
     pub(in crate::transport) fn optical_depth(
         &self,
@@ -31,8 +30,8 @@ impl Field {
         if stopped { f64::INFINITY } else { depth }
     }
 
-    /// The distance (km) from a point at which the optical depth reaches `depth`;
-    /// `None` when the ray leaves the medium before.
+    /// Distance (km) from a point at which the optical depth reaches `depth`; `None` if the ray
+    /// leaves the medium first.
     #[inline]
     pub(in crate::transport) fn free_path(
         &self,
@@ -70,7 +69,7 @@ impl Field {
         stopped.then_some(distance)
     }
 
-    /// Optical depth from the middle of each cell to the end of the medium.
+    /// Optical depth from the centre of each cell to the end of the medium.
     pub(in crate::transport) fn depths_from_cells(&self, heading: &Heading) -> Vec<f32> {
         let [_, sy, sz] = self.stride;
         let depth = |cell: i32| {
@@ -82,7 +81,7 @@ impl Field {
     }
 }
 
-/// A ray in one cell of a trilinear field, from where it enters.
+/// Part of a ray in one cell of a trilinear field, starting at the entry point.
 struct CellRay {
     corners: [f64; 8],
     start: DVec3,
@@ -114,7 +113,7 @@ impl CellRay {
         mix(low, high, p.z).max(0.0)
     }
 
-    /// Optical depth of the first `length` km: Gauss-Legendre with two points.
+    /// Optical depth of the first `length` km, by the two-point Gauss-Legendre rule.
     #[inline]
     fn depth(&self, length: f64) -> f64 {
         /// (1 - 1 / sqrt(3)) / 2
@@ -122,8 +121,8 @@ impl CellRay {
         0.5 * length * (self.extinction(NODE * length) + self.extinction((1.0 - NODE) * length))
     }
 
-    /// The distance at which the optical depth is `target`, of `total` over `length`:
-    /// Newton's method, kept inside the bracket by halving it.
+    /// Distance at which the optical depth reaches `target`, where `total` is the optical depth of
+    /// `length`: Newton's method, restricted to a bracket by bisection.
     fn invert(&self, target: f64, length: f64, total: f64) -> f64 {
         let (mut low, mut high) = (0.0, length);
         let mut distance = length * (target / total);

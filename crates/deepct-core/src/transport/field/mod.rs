@@ -1,13 +1,14 @@
-//! Extinction made ready for rays: cells, and how far a ray may jump through empty air.
+//! Extinction prepared for ray tracing: cells, and the distances that a ray may skip through empty
+//! cells.
 //!
-//! Constant voxels are the cells of a constant medium; the boxes between neighbouring
-//! voxel centres are the cells of a trilinear one. Along a ray a trilinear field is a
-//! cubic in each cell, so the Gauss-Legendre rule with two points integrates it
-//! without error: optical depths are exact in both.
+//! The cells of a constant medium are its voxels; those of a trilinear medium are the boxes between
+//! neighbouring voxel centres. Along a ray a trilinear field is a cubic polynomial in each cell,
+//! which the two-point Gauss-Legendre rule integrates without error. Optical depths are therefore
+//! exact in both cases.
 //!
-//! A free path ends where the optical depth reaches a given value, found by inversion
-//! in the cell where it happens: delta tracking (Woodcock et al. 1965) in the limit
-//! where the local majorant is the extinction itself and no collision is null.
+//! A free path ends where the optical depth reaches a given value, which is found by inversion in
+//! the cell where this occurs: delta tracking (Woodcock et al. 1965) in the limit in which the
+//! local majorant equals the extinction and there are no null collisions.
 
 mod depth;
 mod walk;
@@ -20,27 +21,26 @@ use crate::optics::{Interpolation, Medium};
 use crate::scene::Boundary;
 use glam::IVec3;
 
-/// Mark of the cells around the field.
+/// Majorant that marks the cells around the field.
 const OUTSIDE: f32 = 0.0;
 
-/// A medium in its own coordinates: the unit of length along each axis is a cell, the
-/// origin is the corner of the first cell. Distances along rays stay in km.
+/// A medium in its own coordinates: the unit of length along each axis is a cell, the origin is the
+/// corner of the first cell. Distances along rays remain in km.
 ///
-/// Only the part that holds medium is kept, with a layer of [`OUTSIDE`] around it.
+/// Only the part that contains medium is stored, surrounded by a layer of [`OUTSIDE`].
 #[derive(Debug)]
 pub(super) struct Field {
     lower: DVec3,
     inverse_cell: DVec3,
-    /// The corner of the first cell and the number of voxels of the grid, in voxels
-    /// along x, y, z.
+    /// Corner of the first cell and number of voxels of the grid, in voxels along x, y, z.
     corner: DVec3,
     voxels: [i32; 3],
     /// Number of cells along x, y, z.
     cells: [i32; 3],
-    /// Steps in the arrays to the next cell along x, y, z.
+    /// Strides in the arrays to the next cell along x, y, z.
     stride: [i32; 3],
-    /// By cell: the extinction (the largest one of a trilinear cell); in empty air
-    /// minus the distance in cells to the nearest one that is not empty.
+    /// By cell: the extinction (the largest value in a trilinear cell); in an empty cell, minus the
+    /// distance in cells to the nearest non-empty cell.
     majorant: Vec<f32>,
     /// Extinction at the lower corner of each cell, for trilinear media only.
     nodes: Vec<f32>,
@@ -48,7 +48,7 @@ pub(super) struct Field {
 }
 
 impl Field {
-    /// The field of a medium between the given sides.
+    /// Field of a medium with the given lateral boundary.
     pub(super) fn new(medium: &Medium, boundary: Boundary) -> Self {
         let periodic = boundary == Boundary::Periodic;
         let trilinear = medium.interpolation == Interpolation::Trilinear;
@@ -57,8 +57,7 @@ impl Field {
         let values = medium.extinction.values.as_standard_layout();
         let values = values.as_slice().expect("standard layout");
         let [nz, ny, nx] = grid.shape;
-        // Nodes beyond the last one are the first ones again; only a periodic field
-        // asks for them.
+        // Nodes beyond the last one wrap around to the first; only a periodic field uses them.
         let node = |[i, j, k]: [usize; 3]| values[(k % nz * ny + j % ny) * nx + i % nx];
         let largest = |[i, j, k]: [usize; 3]| {
             if trilinear {
@@ -98,8 +97,8 @@ impl Field {
         field
     }
 
-    /// Write into each empty cell minus its distance (the larger of the three, in
-    /// cells) to the nearest one that is not empty: two sweeps over the neighbours.
+    /// Store in each empty cell minus its distance (the largest of the three components, in cells)
+    /// to the nearest non-empty cell, in two passes over the neighbours.
     fn mark_empty_air(&mut self) {
         let far = 1_000_000;
         let distance = |majorant: f32| if majorant > 0.0 { 0 } else { far };
@@ -107,7 +106,7 @@ impl Field {
         let [nx, ny, nz] = self.cells.map(|n| n as usize);
         let [_, sy, sz] = self.stride.map(|n| n as usize);
         if self.periodic {
-            // A jump must end at the sides, where the ray comes in again.
+            // A jump must end at the sides, where the ray re-enters.
             for (index, distance) in distances.iter_mut().enumerate() {
                 let (i, j) = (index % sy, index % sz / sy);
                 if i == 0 || i == nx + 1 || j == 0 || j == ny + 1 {
@@ -138,17 +137,17 @@ impl Field {
         }
     }
 
-    /// A point (km) in the field's coordinates.
+    /// Convert a point (km) to the coordinates of the field.
     pub(super) fn local(&self, point: DVec3) -> DVec3 {
         (point - self.lower) * self.inverse_cell
     }
 
-    /// A point in the field's coordinates, in km.
+    /// Convert a point in the coordinates of the field to km.
     pub(super) fn point(&self, local: DVec3) -> DVec3 {
         self.lower + local / self.inverse_cell
     }
 
-    /// The grid's voxel `[z, y, x]` that holds a point of the field's coordinates.
+    /// Voxel `[z, y, x]` of the grid that contains a point in the coordinates of the field.
     #[inline]
     pub(super) fn voxel(&self, local: DVec3) -> [usize; 3] {
         let index = floor(local + self.corner).to_array();
@@ -156,13 +155,13 @@ impl Field {
         [inside(2), inside(1), inside(0)]
     }
 
-    /// An index along an axis of `count`, brought into the first period or to the ends.
+    /// Index along an axis of `count` cells, wrapped into the first period or clamped to the ends.
     #[inline]
     fn inside(&self, axis: usize, index: i32, count: i32) -> i32 {
         if self.periodic && axis < 2 { index.rem_euclid(count) } else { index.clamp(0, count - 1) }
     }
 
-    /// The cell that holds a point of the field's coordinates, or the nearest one.
+    /// Cell that contains a point in the coordinates of the field, or the nearest one.
     #[inline]
     pub(super) fn cell_at(&self, local: DVec3) -> usize {
         let index = floor(local).to_array();
@@ -176,8 +175,8 @@ impl Field {
     }
 }
 
-/// The largest integers that are not above the components: without a call of the mathematics
-/// library, which `f64::floor` is on processors that are only known to have SSE2.
+/// Component-wise floor. It avoids the call of the mathematics library to which `f64::floor`
+/// compiles for processors that are only guaranteed to have SSE2.
 #[inline]
 fn floor(v: DVec3) -> IVec3 {
     let whole = v.as_ivec3();
@@ -185,7 +184,7 @@ fn floor(v: DVec3) -> IVec3 {
     IVec3::new(below(0), below(1), below(2))
 }
 
-/// Number of cells along x, y, z of a grid.
+/// Number of cells of a grid along x, y, z.
 fn lattice(grid: &Grid, trilinear: bool, periodic: bool) -> [usize; 3] {
     let [nz, ny, nx] = grid.shape;
     match (trilinear, periodic) {
@@ -195,8 +194,8 @@ fn lattice(grid: &Grid, trilinear: bool, periodic: bool) -> [usize; 3] {
     }
 }
 
-/// The first cell and the number of cells of the smallest box that holds all medium;
-/// a periodic field keeps its width. A field without medium keeps one empty cell.
+/// First cell and number of cells of the smallest box that contains all medium; a periodic field
+/// retains its full width. A field without medium has one empty cell.
 fn occupied(
     cells: [usize; 3],
     periodic: bool,
@@ -218,7 +217,7 @@ fn occupied(
     (first, std::array::from_fn(|axis| last[axis] + 1 - first[axis]))
 }
 
-/// All `[i, j, k]` below the given ones, x fastest.
+/// All indices `[i, j, k]` below the given ones, x fastest.
 fn indices([nx, ny, nz]: [usize; 3]) -> impl Iterator<Item = [usize; 3]> {
     (0..nz).flat_map(move |k| (0..ny).flat_map(move |j| (0..nx).map(move |i| [i, j, k])))
 }

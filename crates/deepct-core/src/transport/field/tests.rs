@@ -1,4 +1,4 @@
-//! Fields against definitions, plain walks, and copies of themselves.
+//! Tests of fields against definitions, plain traversals, and periodic copies.
 
 use super::*;
 use crate::grid::Volume;
@@ -7,7 +7,7 @@ use crate::optics::PhaseFunction;
 use crate::traverse::walk;
 use ndarray::Array3;
 
-/// Two lumps in much empty air.
+/// Two clumps in a mostly empty grid.
 fn sparse() -> Medium {
     let spacing = DVec3::new(0.05, 0.04, 0.03);
     let grid = Grid::new(DVec3::new(-0.2, 0.3, 0.5), spacing, [17, 15, 19]).unwrap();
@@ -22,7 +22,7 @@ fn sparse() -> Medium {
     Medium::new(extinction, 1.0, PhaseFunction::Isotropic).unwrap()
 }
 
-/// Rays through all of the grid, from outside and from inside.
+/// Rays across the whole grid, from outside and from inside.
 fn rays(grid: &Grid) -> Vec<Ray> {
     let ray = |number: u32| {
         let angle = f64::from(number);
@@ -42,7 +42,7 @@ fn depth(field: &Field, ray: &Ray) -> f64 {
     field.optical_depth(field.local(ray.origin), &field.heading(ray.direction), f64::INFINITY)
 }
 
-/// Trilinear extinction at a point, by the definition.
+/// Trilinear extinction at a point, by definition.
 fn trilinear(medium: &Medium, point: DVec3, periodic: bool) -> f64 {
     let grid = &medium.extinction.grid;
     let [nz, ny, nx] = grid.shape.map(|n| n as i64);
@@ -58,7 +58,7 @@ fn trilinear(medium: &Medium, point: DVec3, periodic: bool) -> f64 {
         if periodic {
             (i, j) = (i.rem_euclid(nx), j.rem_euclid(ny));
         }
-        // Outside the outermost centres there is nothing, not a slope to nothing.
+        // Outside the outermost centres the extinction is zero, without a transition.
         let low = if periodic { place.z } else { place.min_element() };
         let high = DVec3::new(nx as f64, ny as f64, nz as f64) - 1.0 - place;
         let high = if periodic { high.z } else { high.min_element() };

@@ -1,17 +1,17 @@
-//! The walk of a ray through the cells of a field.
+//! Traversal of the cells of a field by a ray.
 
 use super::{Field, OUTSIDE, floor};
 use crate::math::DVec3;
 
-/// Number of periods after which a ray that stays between top and bottom is given up.
+/// Number of periods after which a ray that stays between top and bottom is abandoned.
 const MOST_PERIODS: u32 = 100_000;
 
-/// A direction of travel, with what a walk through the cells needs of it.
+/// A direction of travel, with the quantities that a traversal of the cells requires.
 #[derive(Debug, Clone, Copy)]
 pub(in crate::transport) struct Heading {
     /// Unit vector.
     pub(in crate::transport) direction: DVec3,
-    /// The same in cells per km.
+    /// The unit vector in cells per km.
     pub(in crate::transport) local: DVec3,
     inverse: DVec3,
     delta: DVec3,
@@ -23,13 +23,13 @@ pub(in crate::transport) struct Heading {
 pub(super) struct Segment {
     pub(super) cell: usize,
     pub(super) majorant: f64,
-    /// The ray's origin, moved by the periods passed.
+    /// Origin of the ray, shifted by the periods crossed.
     pub(super) origin: DVec3,
     pub(super) enter: f64,
     pub(super) exit: f64,
 }
 
-/// Where a jump ends.
+/// End point of a jump.
 struct Landing {
     at: f64,
     axis: usize,
@@ -37,7 +37,7 @@ struct Landing {
 }
 
 impl Field {
-    /// A direction (unit vector) made ready.
+    /// Prepare a direction (unit vector) for traversal.
     #[inline]
     pub(in crate::transport) fn heading(&self, direction: DVec3) -> Heading {
         let local = direction * self.inverse_cell;
@@ -49,11 +49,11 @@ impl Field {
         Heading { direction, local, inverse, delta: inverse.abs(), stride }
     }
 
-    /// Pass the cells that are not empty to `visit`, in order, until it says stop or
-    /// the ray leaves; whether it was stopped.
+    /// Pass the non-empty cells to `visit`, in order, until it returns `true` or the ray leaves the
+    /// field. Returns whether `visit` stopped the traversal.
     ///
-    /// Amanatides and Woo (1987) with jumps: a cell in empty air knows a cube around
-    /// itself that is empty too, and the ray goes to the end of that cube at once.
+    /// Method of Amanatides and Woo (1987) with jumps: each empty cell stores the size of an empty
+    /// cube around it, and the ray advances to the end of that cube in one step.
     #[inline(always)]
     pub(super) fn walk(
         &self,
@@ -67,7 +67,7 @@ impl Field {
         let start = floor(origin + at * heading.local).to_array();
         let mut index = [0; 3];
         for axis in 0..3 {
-            // On a face, or off by a rounding error: the cell that the ray goes into.
+            // On a face, or displaced by a rounding error: use the cell that the ray enters.
             index[axis] = start[axis].clamp(0, self.cells[axis] - 1);
         }
         let mut cell = self.cell(index);
@@ -79,7 +79,7 @@ impl Field {
             if majorant > -1.5 {
                 axis = least(next);
                 let exit = next[axis];
-                // A corner is passed through cells of no thickness: leave them out.
+                // At a corner the ray crosses cells over zero length; skip them.
                 if majorant > 0.0 && exit > at {
                     let majorant = f64::from(majorant);
                     let segment =
@@ -104,7 +104,7 @@ impl Field {
                 if !self.periodic || axis == 2 || periods == MOST_PERIODS {
                     return false;
                 }
-                // Leave through one side, come in through the other.
+                // Leave through one side and re-enter through the opposite one.
                 periods += 1;
                 let forward = heading.local[axis] > 0.0;
                 let period = if forward { self.cells[axis] } else { -self.cells[axis] };
@@ -114,8 +114,8 @@ impl Field {
         }
     }
 
-    /// The distance at which a ray comes into the field, which is zero inside; the
-    /// origin moves into the first period. `None` when it misses.
+    /// Distance at which a ray enters the field, zero if it starts inside; the origin is moved into
+    /// the first period. `None` if the ray misses the field.
     #[inline]
     fn enter(&self, origin: &mut DVec3, heading: &Heading) -> Option<f64> {
         let sides = if self.periodic { 2..3 } else { 0..3 };
@@ -146,8 +146,8 @@ impl Field {
         Some(enter)
     }
 
-    /// Where a ray leaves the empty cube that reaches `reach - 1` cells to all sides
-    /// of `cell`; `None` when that is outside of an open field.
+    /// Point where a ray leaves the empty cube that extends `reach - 1` cells to all sides of
+    /// `cell`; `None` if that is outside of an open field.
     fn jump(&self, origin: DVec3, heading: &Heading, cell: i32, reach: i32) -> Option<Landing> {
         let (layer, rest) = (cell / self.stride[2], cell % self.stride[2]);
         let center = [rest % self.stride[1] - 1, rest / self.stride[1] - 1, layer - 1];
@@ -167,7 +167,7 @@ impl Field {
             let inside =
                 position[other].clamp(center[other] - (reach - 1), center[other] + (reach - 1));
             index[other] = inside.clamp(0, self.cells[other] - 1);
-            // Outside in an axis that is not the last one: a rounding error at an edge.
+            // Outside along an axis other than that of the exit: a rounding error at an edge.
             if inside != index[other] && other != axis && !(self.periodic && other < 2) {
                 return None;
             }
@@ -191,7 +191,7 @@ fn faces(origin: DVec3, heading: &Heading, index: [i32; 3]) -> DVec3 {
     DVec3::new(face(0), face(1), face(2))
 }
 
-/// The axis of the least component.
+/// Axis of the smallest component.
 #[inline]
 fn least(v: DVec3) -> usize {
     if v.x < v.y {

@@ -1,4 +1,4 @@
-//! Sunlight that was not scattered yet.
+//! Unscattered sunlight.
 
 use super::lattice::{Lattice, Segment, basis};
 use super::optics::Optics;
@@ -6,11 +6,12 @@ use super::quadrature::gauss_legendre;
 use crate::math::{DVec3, Ray};
 use rayon::prelude::*;
 
-/// Optical depths beyond this let no light through.
+/// Optical depth beyond which no light is transmitted.
 const DARK: f64 = 40.0;
-/// Parts of the work of one derivative, each with an array of its own.
+/// Number of parts into which the work of one derivative is divided, each with its own array.
 pub(super) const PARTS: usize = 4;
-/// Nodes of the Gauss-Legendre rules with two and three points on [0, 1], and weights.
+/// Nodes of the Gauss-Legendre rules with two and three points on [0, 1], and the weights of the
+/// latter.
 const TWO: [f64; 2] = [0.211_324_865_405_187_13, 0.788_675_134_594_812_9];
 pub(super) const THREE: [(f64, f64); 3] = [
     (0.112_701_665_379_258_3, 5.0 / 18.0),
@@ -18,19 +19,20 @@ pub(super) const THREE: [(f64, f64); 3] = [
     (0.887_298_334_620_741_7, 5.0 / 18.0),
 ];
 
-/// The field that rays go through.
+/// Field through which rays are traced.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Rays<'a> {
     pub(super) lattice: &'a Lattice,
     pub(super) optics: &'a Optics,
     /// Extinction by voxel (1/km).
     pub(super) extinction: &'a [f32],
-    /// Where sunlight is looked at in a cell, from 0 to 1 along each axis, and weights.
+    /// Points of a cell at which sunlight is evaluated, from 0 to 1 along each axis, with their
+    /// weights.
     pub(super) cubature: &'a [(DVec3, f64)],
 }
 
 impl Rays<'_> {
-    /// Optical depth of a part of a ray, the forward peak left out.
+    /// Delta-M scaled optical depth of a part of a ray.
     #[inline]
     fn depth_of(&self, segment: &Segment) -> f64 {
         let reach = segment.to - segment.from;
@@ -40,7 +42,7 @@ impl Rays<'_> {
         f64::from(self.optics.delta_m_scaling(segment.number)) * segment.length * mean
     }
 
-    /// Optical depth along a ray.
+    /// Delta-M scaled optical depth along a ray, which is not followed beyond [`DARK`].
     pub(super) fn depth(&self, ray: Ray) -> f64 {
         let mut depth = 0.0;
         for segment in self.lattice.segments(ray) {
@@ -52,7 +54,8 @@ impl Rays<'_> {
         depth
     }
 
-    /// Add to the derivative by voxel what follows from one by the depth along a ray.
+    /// Add to the derivative by voxel the contribution of `value`, the derivative with respect to
+    /// the optical depth along a ray.
     pub(super) fn spread_depth(&self, ray: Ray, value: f64, into: &mut [f64]) {
         for segment in self.lattice.segments(ray) {
             let scaling = f64::from(self.optics.delta_m_scaling(segment.number));
@@ -64,8 +67,8 @@ impl Rays<'_> {
         }
     }
 
-    /// Optical depths towards the Sun from eight points of each active cell; `air` tells
-    /// that of the air above an altitude.
+    /// Optical depths towards the Sun from eight points of each active cell; `air` returns that of
+    /// the molecular atmosphere from an altitude (km).
     pub(super) fn sun_depths(&self, sun: DVec3, air: impl Fn(f64) -> f64 + Sync) -> Vec<[f32; 8]> {
         let from = |slot: usize| {
             std::array::from_fn(|point| {
@@ -76,7 +79,7 @@ impl Rays<'_> {
         (0..self.lattice.len()).into_par_iter().map(from).collect()
     }
 
-    /// The transpose of the derivative of [`Rays::sun_depths`].
+    /// Transpose of the derivative of [`Rays::sun_depths`].
     pub(super) fn spread_sun_depths(&self, sun: DVec3, values: &[[f32; 8]], into: &mut [f64]) {
         let voxels = into.len();
         let size = values.len().div_ceil(PARTS).max(1);
@@ -102,8 +105,8 @@ impl Rays<'_> {
         Ray { origin: self.lattice.point(slot, at), direction: sun }
     }
 
-    /// Mean and slopes of the sunlight that is stopped in each active cell, for a Sun of
-    /// unit irradiance.
+    /// Mean and slopes of the sunlight removed from the beam in each active cell, for a Sun of unit
+    /// irradiance.
     pub(super) fn stopped(&self, depths: &[[f32; 8]]) -> Vec<[f32; 4]> {
         let stopped = |slot: usize| {
             let mut sums = [0.0; 4];
@@ -119,7 +122,7 @@ impl Rays<'_> {
         (0..self.lattice.len()).into_par_iter().map(stopped).collect()
     }
 
-    /// The transpose of the derivative of [`Rays::stopped`]: by voxel, and by depth.
+    /// Transpose of the derivative of [`Rays::stopped`], with respect to the voxels and the depths.
     pub(super) fn spread_stopped(
         &self,
         depths: &[[f32; 8]],
@@ -140,15 +143,15 @@ impl Rays<'_> {
     }
 }
 
-/// Add arrays to one.
+/// Add all `parts` to `into`.
 pub(super) fn add_all(into: &mut [f64], parts: &[Vec<f64>]) {
     for part in parts {
         into.iter_mut().zip(part).for_each(|(sum, value)| *sum += value);
     }
 }
 
-/// Points of a cell and their weights; more of them from bottom to top where sunlight that
-/// crosses the cell meets a large optical `depth`.
+/// Points of a cell and their weights; the number of points from bottom to top increases with the
+/// optical `depth` of the cell for direct sunlight.
 pub(super) fn cubature(depth: f64) -> Vec<(DVec3, f64)> {
     let half = (0.25 * depth + 1.0).ceil().clamp(2.0, 8.0) as usize;
     let rule = gauss_legendre(2 * half);
@@ -163,20 +166,20 @@ pub(super) fn cubature(depth: f64) -> Vec<(DVec3, f64)> {
         .collect()
 }
 
-/// Optical depth towards the Sun at a place in a cell: linear along each axis, and not negative.
+/// Optical depth towards the Sun at a position in a cell: linear along each axis, and not negative.
 #[inline]
 pub(super) fn sun_depth(depths: &[f32; 8], at: DVec3) -> f64 {
     linear_sun_depth(depths, at).max(0.0)
 }
 
-/// The same beyond the points where it is known too, where it may fall below zero.
+/// The same without the limit: beyond the points at which it is known, it may fall below zero.
 #[inline]
 fn linear_sun_depth(depths: &[f32; 8], at: DVec3) -> f64 {
     let weights = super::lattice::corner_weights((at - TWO[0]) / (TWO[1] - TWO[0]));
     depths.iter().zip(weights).map(|(depth, weight)| weight * f64::from(*depth)).sum()
 }
 
-/// The transpose of the derivative of [`sun_depth`] at `depths`.
+/// Transpose of the derivative of [`sun_depth`] at `depths`.
 #[inline]
 pub(super) fn spread_sun_depth(into: &mut [f32; 8], depths: &[f32; 8], at: DVec3, value: f64) {
     if linear_sun_depth(depths, at) <= 0.0 {

@@ -1,37 +1,37 @@
-//! Single scattering of light that the forward peak has deflected before or deflects afterwards.
+//! Single scattering of light that the forward peak deflects before or afterwards.
 //!
-//! The transport counts the forward peak as no collision, yet what it deflects by a degree or two
-//! no longer shows the sharp features of a single scattering, the glory most of all. In the
-//! small-angle approximation each Legendre moment of the radiance decays on its own (Goudsmit and
-//! Saunderson 1940): where the peak, of normalised moments `p_l`, has acted over the optical depth
-//! `s`, moment `l` of the phase function is weakened by `exp(-s (1 - p_l))`. The peak is what stands
-//! above a level plateau around the forward direction, as wide as gives it the share of the
-//! truncation.
+//! The transport treats the forward peak as no collision, but light that the peak deflects by one
+//! or two degrees no longer shows the sharp features of single scattering, in particular the glory.
+//! In the small-angle approximation each Legendre moment of the radiance decays independently
+//! (Goudsmit and Saunderson 1940): where the peak, of normalised moments `p_l`, has acted over the
+//! optical depth `s`, moment `l` of the phase function is multiplied by `exp(-s (1 - p_l))`. The
+//! peak is the part of the phase function above a constant plateau around the forward direction,
+//! whose width is chosen such that the peak contains the truncated fraction.
 
 use crate::optics::PhaseFunction;
 use std::f64::consts::PI;
 
-/// Depths of the peak at which a phase function is kept: [`depth`] of as many even steps.
+/// Number of optical depths of the peak for which a phase function is tabulated: see [`depth`].
 pub(super) const LEVELS: usize = 9;
-/// The most Legendre moments: the features of droplets of 25 um in red light need 500.
+/// Maximum number of Legendre moments: the features of droplets of 25 um in red light require 500.
 const MOST_MOMENTS: usize = 768;
-/// Terms below this (1/sr) at the end of a series are left out.
+/// Terms below this value (1/sr) at the end of a series are omitted.
 const NEGLIGIBLE: f64 = 1e-5;
 
-/// Angles at which the forward peak is looked at, and the widest one (radians).
+/// Number of angles at which the forward peak is sampled, and the largest one (radians).
 const ANGLES: usize = 600;
 const WIDEST: f64 = 1.2;
 
-/// What the forward peak does to the single scattering of one phase function.
+/// Effect of the forward peak on the single scattering of one phase function.
 #[derive(Debug)]
 pub(super) struct Broadened {
-    /// For each Legendre moment `(2 l + 1) / (4 pi)` times it, and `1 - p_l`.
+    /// For each Legendre moment: `(2 l + 1) / (4 pi)` times the moment, and `1 - p_l`.
     terms: Vec<(f64, f64)>,
 }
 
 impl Broadened {
-    /// Of a phase function of which moment number `first` is the share of the peak; with its
-    /// moments up to that one.
+    /// Prepare a phase function whose Legendre moment number `first` is the share of the forward
+    /// peak. Also returns its moments up to that one.
     pub(super) fn new(phase_function: &PhaseFunction, first: usize) -> (Self, Vec<f64>) {
         let moments = phase_function.legendre_moments(MOST_MOMENTS.max(first + 1));
         let peak = peak_moments(phase_function, moments[first], moments.len());
@@ -46,7 +46,7 @@ impl Broadened {
         (Self { terms }, moments[..=first].to_vec())
     }
 
-    /// What is added to the phase function (1/sr) at a cosine, at each level.
+    /// Change of the phase function (1/sr) at a cosine, for each level.
     pub(super) fn change(&self, cosine: f64) -> [f64; LEVELS] {
         let mut change = [0.0; LEVELS];
         let (mut before, mut now, mut l) = (0.0, 1.0, 0.0);
@@ -61,8 +61,8 @@ impl Broadened {
     }
 }
 
-/// The Legendre moments of the forward peak of a phase function, over the first of them; all 1
-/// where there is no peak of that share.
+/// Legendre moments of the forward peak of a phase function, over the first of them; all 1 if there
+/// is no peak of that share.
 fn peak_moments(phase_function: &PhaseFunction, share: f64, count: usize) -> Vec<f64> {
     let angle = |number: usize| WIDEST * (number as f64 / ANGLES as f64).powi(2);
     let cosines: Vec<f64> = (0..=ANGLES).map(|number| angle(number).cos()).collect();
@@ -92,13 +92,14 @@ fn peak_moments(phase_function: &PhaseFunction, share: f64, count: usize) -> Vec
     moments
 }
 
-/// The depth of a level: 0, 1/7, 1/3, 3/5, 1, 5/3, 3, 7 and one that leaves nothing.
+/// Optical depth of a level: 0, 1/7, 1/3, 3/5, 1, 5/3, 3, 7, and 100 in place of infinity.
 fn depth(level: usize) -> f64 {
     let part = level as f64 / (LEVELS - 1) as f64;
     if level + 1 < LEVELS { part / (1.0 - part) } else { 100.0 }
 }
 
-/// The level below a depth, the part of the way to the next one, and its derivative by depth.
+/// Level below an optical depth, fraction of the distance to the next level, and the derivative of
+/// this position with respect to the optical depth.
 #[inline]
 pub(super) fn place(depth: f64) -> (usize, f64, f64) {
     let steps = (LEVELS - 1) as f64;
@@ -111,9 +112,9 @@ pub(super) fn place(depth: f64) -> (usize, f64, f64) {
 mod tests {
     use super::*;
 
-    /// Nothing is changed where the peak has not acted, and no light is lost where it has: the mean
-    /// over all angles stays. Henyey and Greenstein's function, smooth backwards, hardly changes
-    /// there; a narrow glory is spread.
+    /// There is no change where the peak has not acted, and no light is lost where it has: the mean
+    /// over all angles remains. The Henyey-Greenstein function, which is smooth at backward angles,
+    /// hardly changes there; a narrow glory is broadened.
     #[test]
     fn the_peak_spreads_what_is_narrow() {
         let greenstein = PhaseFunction::henyey_greenstein(0.85).unwrap();

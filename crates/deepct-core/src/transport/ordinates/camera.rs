@@ -1,8 +1,9 @@
-//! What a camera sees: light scattered towards it, along its rays.
+//! Camera: light scattered towards it, integrated along its rays.
 //!
-//! Light scattered more than once comes from the solver's moments, light scattered once
-//! from the Sun's depths and the whole phase function, broadened by the forward peak
-//! ([`super::broadened`]). The air scatters all along the rays, between and in the cells.
+//! Light scattered more than once comes from the moments of the solution. Light scattered once
+//! comes from the optical depths towards the Sun and the full phase function, broadened by the
+//! forward peak ([`super::broadened`]). The molecular atmosphere scatters along the whole ray,
+//! between and in the cells.
 
 use super::beam::{Rays, spread_sun_depth, sun_depth};
 use super::broadened::LEVELS;
@@ -12,22 +13,23 @@ use super::surroundings::{BySurface, OnSurface, Outside, Surroundings};
 use crate::math::{DVec3, Ray};
 use crate::scene::{Projection, View};
 
-/// A step along a ray is no thicker than this, through what the model is prepared for.
+/// Largest optical depth of a step along a ray, for the extinction that the model is prepared for.
 const STEP: f64 = 1.0;
-/// The longest side of a tile (pixels), and the widest angle across one (radians).
+/// Longest side of a tile (pixels), and largest angle across one (radians).
 const TILE: usize = 64;
 const NARROW: f64 = 0.02;
-/// Levels at which the light of the air along the rays of a tile is known.
+/// Number of levels at which the light of the molecular atmosphere along the rays of a tile is
+/// tabulated.
 const AIR_LEVELS: usize = 17;
-/// Numbers of rays of a pixel: with one of them, and the one before as the generator, a lattice
-/// spreads evenly along all directions (Zaremba 1966).
+/// Possible numbers of rays per pixel: with one of these numbers of points, and the previous number
+/// as the generator, a lattice is spread evenly along all directions (Zaremba 1966).
 const FIBONACCI: [usize; 16] =
     [3, 5, 8, 13, 21, 34, 55, 89, 144, 233, 377, 610, 987, 1597, 2584, 4181];
-/// The places of two points in a step, and what their extinctions add to the depth before
-/// each of them and before the end, for one that is linear between them.
+/// Positions of the two points in a step; the extinction is taken as linear through both (see
+/// [`before`]).
 const POINTS: [f64; 2] = [0.211_324_865_405_187_13, 0.788_675_134_594_812_9];
 
-/// Part of an image, small enough that all its rays have nearly one direction.
+/// Part of an image, small enough for all its rays to have nearly the same direction.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Tile {
     pub(super) view: usize,
@@ -35,7 +37,7 @@ pub(super) struct Tile {
     cols: [usize; 2],
 }
 
-/// Cuts an image in tiles.
+/// Divide an image into tiles.
 pub(super) fn tiles(number: usize, view: &View) -> Vec<Tile> {
     let side = match view.projection {
         Projection::Orthographic { .. } => TILE,
@@ -55,27 +57,27 @@ pub(super) fn tiles(number: usize, view: &View) -> Vec<Tile> {
 }
 
 impl Tile {
-    /// The pixels, `[row, col]`.
+    /// Pixels of the tile, `[row, col]`.
     pub(super) fn pixels(self) -> impl Iterator<Item = [usize; 2]> {
         (self.rows[0]..self.rows[1])
             .flat_map(move |row| (self.cols[0]..self.cols[1]).map(move |col| [row, col]))
     }
 
-    /// The direction in which light comes to the middle of the tile.
+    /// Direction of propagation of the light that arrives at the middle of the tile.
     fn direction(&self, view: &View) -> DVec3 {
         let middle = |[first, last]: [usize; 2]| 0.5 * (first + last) as f64;
         -view.ray(middle(self.rows), middle(self.cols)).direction
     }
 }
 
-/// All that a camera needs to know.
+/// Data that the camera requires.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Camera<'a> {
     pub(super) rays: Rays<'a>,
-    /// Towards the Sun.
+    /// Direction towards the Sun.
     pub(super) sun: DVec3,
     pub(super) sun_depths: &'a [[f32; 8]],
-    /// The part of them that is due to the air, by cell.
+    /// Part of the optical depths that is due to the molecular atmosphere, by cell.
     pub(super) air_depths: &'a [f32],
     pub(super) surroundings: &'a Surroundings,
     pub(super) on_surface: OnSurface<'a>,
@@ -83,34 +85,34 @@ pub(super) struct Camera<'a> {
     pub(super) moments: &'a [f32],
     /// Number of harmonics.
     pub(super) count: usize,
-    /// The least number of rays of a pixel.
+    /// Minimum number of rays per pixel.
     pub(super) rays_per_pixel: usize,
 }
 
-/// What the rays of a tile have in common.
+/// Quantities shared by the rays of a tile.
 #[derive(Debug)]
 pub(super) struct Prepared {
-    /// What each active cell scatters towards the camera over extinction: mean and slopes.
+    /// Light that each active cell scatters towards the camera, over extinction: mean and slopes.
     scattered: Vec<[f32; 4]>,
     changes: Changes,
     air: AirLight,
-    /// Number of rays of a pixel.
+    /// Number of rays per pixel.
     rays: usize,
 }
 
-/// The light of the air in the block of cells along the rays of a tile.
+/// Light of the molecular atmosphere in the block of cells along the rays of a tile.
 #[derive(Debug)]
 struct AirLight {
-    /// Altitude of the block's top, and the levels by kilometre.
+    /// Altitude of the top of the block (km), and number of levels per kilometre.
     top: f64,
     levels_per_km: f64,
-    /// Light that the air between the top and a level throws into a ray, seen from the top, and
-    /// transmittance; empty where there is no air.
+    /// Radiance that the molecular atmosphere between the top and a level scatters into a ray, seen
+    /// from the top, and transmittance; empty without a molecular atmosphere.
     levels: Vec<[f64; 2]>,
 }
 
 impl AirLight {
-    /// Light and transmittance from the top to an altitude.
+    /// Radiance and transmittance between the top and an altitude (km).
     #[inline]
     fn at(&self, altitude: f64) -> [f64; 2] {
         if self.levels.is_empty() {
@@ -125,55 +127,55 @@ impl AirLight {
     }
 }
 
-/// The derivative of a weighted sum of radiances of a tile.
+/// Derivative of a weighted sum of the radiances of a tile.
 #[derive(Debug)]
 pub(super) struct Derivative {
-    /// By the extinction of each voxel, at the radiance that there is.
+    /// With respect to the extinction of each voxel, at fixed diffuse radiance.
     pub(super) extinction: Vec<f64>,
-    /// By the depths towards the Sun from the cells.
+    /// With respect to the optical depths towards the Sun from the cells.
     pub(super) sun_depths: Vec<[f32; 8]>,
     pub(super) on_surface: BySurface,
-    /// By the moments of radiance, all of which see the camera alike: by what is scattered
-    /// towards it, mean and slopes.
+    /// With respect to the light scattered towards the camera (mean and slopes), from which the
+    /// derivative with respect to the moments of radiance follows.
     pub(super) scattered: Vec<[f32; 4]>,
 }
 
-/// A step through a cell, at two points.
+/// A step through a cell, evaluated at two points.
 #[derive(Debug, Clone, Copy)]
 struct Step {
     slot: usize,
     points: [Point; 2],
-    /// Extinction without the peak over extinction, and the length of the step (km).
+    /// Delta-M scaling factor, and length of the step (km).
     scaling: f64,
     length: f64,
-    /// Light of the air before the cell and in the step, that reaches the camera.
+    /// Light of the molecular atmosphere before the cell and in the step that reaches the camera.
     before: f64,
     air: f64,
 }
 
-/// A point on a ray, and what is known there.
+/// A point on a ray, with the quantities evaluated there.
 #[derive(Debug, Clone, Copy)]
 struct Point {
     at: DVec3,
     /// Extinction (1/km).
     extinction: f64,
-    /// Light scattered into the ray, over extinction: in all, and what came from the Sun.
+    /// Light scattered into the ray, over extinction: total, and from direct sunlight.
     source: f64,
     sunlight: f64,
-    /// What the source changes by where the depth towards the Sun or the camera does because
-    /// there is then more of the peak.
+    /// Derivative of the source with respect to the optical depth towards the Sun or the camera due
+    /// to the broadening by the forward peak.
     broadening: f64,
-    /// Transmittance from here to the camera.
+    /// Transmittance from the point to the camera.
     transmittance: f64,
 }
 
 impl Step {
-    /// What reaches the camera of the light that is scattered around each point.
+    /// Radiance at the camera due to the light scattered around each point.
     fn radiances(&self) -> [f64; 2] {
         self.points.map(|p| 0.5 * self.length * p.extinction * p.source * p.transmittance)
     }
 
-    /// What an optical depth before each point takes from that.
+    /// Decrease of these radiances per unit of optical depth before each point.
     fn weakened(&self) -> [f64; 2] {
         self.points
             .map(|p| 0.5 * self.length * p.extinction * (p.source - p.broadening) * p.transmittance)
@@ -181,7 +183,7 @@ impl Step {
 }
 
 impl Camera<'_> {
-    /// What the rays of a tile have in common.
+    /// Compute the quantities shared by the rays of a tile.
     pub(super) fn prepare(&self, tile: &Tile, view: &View) -> Prepared {
         let (mut least, mut most) = (f64::INFINITY, 0.0_f64);
         for row in tile.rows {
@@ -191,7 +193,7 @@ impl Camera<'_> {
                 (least, most) = (least.min(angle), most.max(angle));
             }
         }
-        // In the middle of a tile the angle may be less than at its corners.
+        // In the middle of a tile the angle may be smaller than at its corners.
         let least = least - (most - least);
         Prepared {
             scattered: self.scattered(tile, view),
@@ -201,8 +203,7 @@ impl Camera<'_> {
         }
     }
 
-    /// What is scattered towards the camera by each active cell over extinction: mean and
-    /// slopes.
+    /// Light that each active cell scatters towards the camera, over extinction: mean and slopes.
     fn scattered(&self, tile: &Tile, view: &View) -> Vec<[f32; 4]> {
         let harmonics = self.harmonics(tile, view);
         let count = harmonics.len();
@@ -218,7 +219,7 @@ impl Camera<'_> {
         cells.map(scattered).collect()
     }
 
-    /// The light of the air along the rays of a tile.
+    /// Light of the molecular atmosphere along the rays of a tile.
     fn air_light(&self, tile: &Tile, view: &View) -> AirLight {
         let grid = &self.rays.lattice.grid;
         let (top, height) = (grid.upper().z, grid.extent().z);
@@ -237,7 +238,7 @@ impl Camera<'_> {
         light
     }
 
-    /// Number of rays of a pixel: more of them where it is wider than a voxel.
+    /// Number of rays per pixel, which is larger for pixels wider than a voxel.
     fn ray_count(&self, view: &View) -> usize {
         let spacing = self.rays.lattice.grid.spacing;
         let across = (view.pixel_km() / spacing.min_element()).max(1.0);
@@ -246,12 +247,12 @@ impl Camera<'_> {
         FIBONACCI[enough.unwrap_or(FIBONACCI.len() - 1)]
     }
 
-    /// The harmonics in the direction of a tile.
+    /// Spherical harmonics in the direction of a tile.
     pub(super) fn harmonics(&self, tile: &Tile, view: &View) -> Vec<f32> {
         first_harmonics(tile.direction(view), self.count)
     }
 
-    /// The mean radiance of a pixel, for a Sun of unit irradiance.
+    /// Mean radiance of a pixel, for a Sun of unit irradiance.
     pub(super) fn radiance(&self, view: &View, pixel: [usize; 2], prepared: &Prepared) -> f64 {
         let mut path = Path::default();
         let mut radiance = 0.0;
@@ -283,7 +284,7 @@ impl Camera<'_> {
             let beyond = self.walk(ray, prepared, true, &mut path);
             let value = weight * beyond.transmittance;
             self.surroundings.spread(&beyond.outside, value, &mut into.on_surface);
-            // Backwards: what is behind a point is weakened by it.
+            // From back to front: a point attenuates the radiance that comes from behind it.
             let mut behind = beyond.transmittance * beyond.outside.radiance();
             for step in path.steps.iter().rev() {
                 let Step { slot, scaling, length, air, .. } = *step;
@@ -313,8 +314,8 @@ impl Camera<'_> {
         }
     }
 
-    /// Go along a ray; gives what is before and behind its steps. Those through voxels without
-    /// extinction matter to the derivative alone, where `empty` ones are asked for.
+    /// Trace a ray; returns the light in front of and behind its steps. Steps through voxels
+    /// without extinction affect only the derivative, for which `empty` includes them.
     fn walk(&self, ray: Ray, prepared: &Prepared, empty: bool, path: &mut Path) -> Background {
         let Path { steps, densities } = path;
         steps.clear();
@@ -324,9 +325,10 @@ impl Camera<'_> {
         let before_middle = self::before(0.5);
         let altitude = |distance: f64| ray.origin.z + distance * ray.direction.z;
         let mut depth = 0.0;
-        // Where the ray first meets a cell, and where it has left the last one.
+        // Distances at which the ray enters the first cell and leaves the last one so far.
         let mut inside: Option<[f64; 2]> = None;
-        // Transmittance to the top of the block, and light of the air as far as the last cell.
+        // Transmittance to the top of the block, and light of the molecular atmosphere up to the
+        // last cell.
         let (mut to_top, mut light) = (1.0, 0.0);
         for segment in lattice.segments(ray) {
             let number = segment.number;
@@ -343,7 +345,8 @@ impl Camera<'_> {
                 continue;
             }
             let scaling = f64::from(optics.delta_m_scaling(number));
-            // Not by the extinction that there is: the radiance would jump where it changes.
+            // The steps do not depend on the current extinction, because the radiance would be
+            // discontinuous where their number changes.
             let thickness = scaling * f64::from(lattice.active()[number].prepared) / STEP;
             let [entered, _] = air.at(altitude(segment.enter));
             let mut gap = to_top * (entered - light) * f64::exp(-depth);
@@ -423,26 +426,26 @@ fn pixel_rays(view: &View, [row, col]: [usize; 2], count: usize) -> impl Iterato
     })
 }
 
-/// What is on a ray, and room to keep it from ray to ray.
+/// Steps along a ray, with buffers that are reused from ray to ray.
 #[derive(Debug, Default)]
 struct Path {
     steps: Vec<Step>,
-    /// Of the phase functions at the angle between the ray and the Sun.
+    /// Densities of the phase functions at the angle between the ray and the Sun.
     densities: Vec<[f64; LEVELS]>,
 }
 
-/// What a ray sees before and behind the cloud.
+/// Light of a ray from in front of and behind the cloud.
 #[derive(Debug, Clone, Copy)]
 struct Background {
-    /// Light of the air before the cloud.
+    /// Light of the molecular atmosphere that is not part of any step.
     before: f64,
-    /// Transmittance from behind the cloud to the camera, and what is there.
+    /// Transmittance from behind the cloud to the camera, and the radiance there.
     transmittance: f64,
     outside: Outside,
 }
 
 impl Derivative {
-    /// Nothing yet.
+    /// A derivative of zero.
     pub(super) fn new(voxels: usize, slots: usize, on_surface: OnSurface) -> Self {
         Self {
             extinction: vec![0.0; voxels],
@@ -456,8 +459,8 @@ impl Derivative {
     }
 }
 
-/// What the extinctions at the two points of a step of unit length add to the depth before a
-/// place in it: the integral of the line through both.
+/// Weights of the extinctions at the two points of a step of unit length in the optical depth
+/// before a position in the step: the integral of the line through both.
 fn before(place: f64) -> [f64; 2] {
     let [first, second] = POINTS;
     let tilt = (0.5 * place * place - first * place) / (second - first);

@@ -1,4 +1,4 @@
-//! The derivative of the images: each step of a solution backwards.
+//! Derivative of the images: the steps of a solution in reverse order.
 
 use super::beam::{PARTS, add_all};
 use super::camera::{Derivative, Tile};
@@ -17,8 +17,8 @@ impl OrdinatesModel {
         let count = self.quadrature.harmonics;
         let (mut derivative, mut by_moments) = self.seen(state, weights);
 
-        // The adjoint radiance, of light that goes backwards from the cameras. Equations are by
-        // volume, so what is transposed counts by the volume of cells.
+        // Adjoint radiance of light that propagates backwards from the cameras. The equations hold
+        // per unit volume, so the transposed source is divided by the relative volume of the cell.
         reverse(&mut by_moments, count);
         for (slot, values) in by_moments.chunks_exact_mut(4 * count).enumerate() {
             let by_volume = 1.0 / self.lattice.share(slot);
@@ -30,7 +30,8 @@ impl OrdinatesModel {
         let backward = Origin { own: &by_moments, outside: &thrown, ..Origin::default() };
         let (adjoint, _) = transport.solve(backward, start, tolerance, most_sweeps, &|_| true);
 
-        // What extinction does to light on its way, forwards and backwards.
+        // Derivative with respect to the attenuation of light, from the forward and the adjoint
+        // radiance.
         let forward = Origin { own: &state.first, outside: &state.outside, ..Origin::default() };
         let (by_scaled, mut leaving) =
             transport.by_extinction([(&state.field, forward), (&adjoint, backward)]);
@@ -47,7 +48,7 @@ impl OrdinatesModel {
             add_all(&mut derivative.on_surface.shade, &[self.surroundings.blurred(&sum)]);
         }
 
-        // What it does to scattering, again and for the first time.
+        // Derivative with respect to multiple and single scattering.
         let mut reversed = adjoint.moments.clone();
         reverse(&mut reversed, count);
         let turned = self.turned_sunlight();
@@ -78,8 +79,8 @@ impl OrdinatesModel {
         (derivative.extinction, adjoint)
     }
 
-    /// The adjoint radiance that comes in through the faces, by octant, because the cameras see
-    /// the cloud's light on the surface.
+    /// Adjoint radiance that enters through the faces, by octant, because the cameras see the light
+    /// of the cloud on the surface.
     fn thrown_on_surface(&self, by_irradiance: &[f64]) -> Vec<Faces> {
         if by_irradiance.is_empty() {
             return Vec::new();
@@ -93,8 +94,8 @@ impl OrdinatesModel {
         self.quadrature.octants.par_iter().map(thrown).collect()
     }
 
-    /// The derivative of what the cameras see at a given radiance, and that by the moments
-    /// of the radiance.
+    /// Derivative of the radiances seen by the cameras at fixed diffuse radiance, and derivative
+    /// with respect to the moments of this radiance.
     fn seen(&self, state: &State, weights: &ViewStack) -> (Derivative, Vec<f32>) {
         let camera = self.camera(state);
         let (slots, count) = (self.lattice.len(), self.quadrature.harmonics);
@@ -139,8 +140,8 @@ impl OrdinatesModel {
         (sum, by_moments)
     }
 
-    /// The pixels that have a weight, in pieces of tiles: an inversion gives none to the many
-    /// beside the cloud. Where there are few tiles, they are cut so that all parts have work.
+    /// Pixels with a weight, in pieces of tiles: in an inversion the many pixels beside the cloud
+    /// have none. If there are few tiles, they are divided so that all parts have work.
     fn weighted(&self, weights: &ViewStack) -> Vec<(&Tile, Vec<[usize; 2]>)> {
         let cuts = (4 * PARTS).div_ceil(self.tiles.len().max(1));
         let mut pieces = Vec::new();
@@ -154,7 +155,7 @@ impl OrdinatesModel {
     }
 }
 
-/// Add arrays of rows.
+/// Add `rows` to `into`.
 fn add_rows<const N: usize>(into: &mut [[f32; N]], rows: &[[f32; N]]) {
     let pairs = into.as_flattened_mut().iter_mut().zip(rows.as_flattened());
     pairs.for_each(|(sum, value)| *sum += value);

@@ -9,52 +9,52 @@ use crate::scene::Boundary;
 use pulp::Simd;
 use rayon::prelude::*;
 
-/// Octants whose moments are added in one array, those that differ in x alone; the others have
-/// arrays of their own, on other threads.
+/// Number of octants whose moments are added in one array, those that differ only in x; the others
+/// have their own arrays, on other threads.
 const TOGETHER: usize = 2;
-/// Arrays of moments that a sweep adds up.
+/// Number of arrays of moments that a sweep adds.
 const ARRAYS: usize = 8 / TOGETHER;
-/// Directions kept by the iteration before it starts anew.
+/// Number of directions that the iteration stores before it restarts.
 const RESTART: usize = 8;
-/// Numbers of long arrays that are worked on at a time.
+/// Number of elements of a long array that are processed at a time.
 const PIECE: usize = 4096;
 
-/// The diffuse radiance: its moments in the active cells, between periodic sides what comes
-/// in through them, and what falls on the surface.
+/// Diffuse radiance: its moments in the active cells, the radiance that enters through periodic
+/// sides, and the irradiance of the surface.
 #[derive(Debug, Clone)]
 pub(super) struct Field {
     /// `[slot][4][harmonic]`.
     pub(super) moments: Vec<f32>,
     /// By octant; empty between open sides.
     sides: Vec<Faces>,
-    /// The irradiance of the surface by the cloud; empty where that reflects nothing.
+    /// Irradiance of the surface by the cloud; empty if the surface does not reflect it.
     pub(super) irradiance: Vec<f32>,
 }
 
-/// The linear problem: a medium without its forward peak.
+/// The linear problem: transport in a medium without its forward peak.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Transport<'a> {
     pub(super) rays: Rays<'a>,
     pub(super) quadrature: &'a Quadrature,
     pub(super) surroundings: &'a Surroundings,
-    /// Mean and slopes of the extinction of each active cell, with the peak.
+    /// Mean and slopes of the extinction of each active cell, including the forward peak.
     pub(super) unscaled: &'a [[f32; 4]],
-    /// Without the peak.
+    /// The same without the forward peak.
     pub(super) scaled: &'a [[f32; 4]],
 }
 
-/// Where radiance comes from, besides scattering.
+/// Sources of radiance other than scattering.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Origin<'a> {
     /// The source in the cells, `[slot][4][harmonic]`.
     pub(super) own: &'a [f32],
-    /// What comes in through the faces from outside, by octant; empty if nothing does.
+    /// Radiance that enters through the faces from outside, by octant; empty if there is none.
     pub(super) outside: &'a [Faces],
-    /// What falls on the surface besides; empty if nothing does.
+    /// Additional irradiance of the surface; empty if there is none.
     pub(super) irradiance: &'a [f32],
 }
 
-/// Large arrays that every sweep needs, kept from one to the next.
+/// Large arrays that every sweep requires, reused from one sweep to the next.
 struct SweepBuffers {
     /// `[slot][4][harmonic]`.
     source: Vec<f32>,
@@ -78,7 +78,7 @@ impl Transport<'_> {
         Medium { lattice: self.lattice(), extinction: self.scaled }
     }
 
-    /// No radiance.
+    /// Zero radiance.
     pub(super) fn dark(&self) -> Field {
         let octants = &self.quadrature.octants;
         let sides = match self.lattice().boundary {
@@ -95,7 +95,7 @@ impl Transport<'_> {
         }
     }
 
-    /// Faces of an octant with what comes in through them.
+    /// Faces of an octant with the radiance that enters through them.
     fn incoming(&self, field: &Field, outside: &[Faces], number: usize, octant: &Octant) -> Faces {
         let outside = outside.get(number).cloned();
         let outside = outside.unwrap_or_else(|| Faces::dark(self.lattice(), octant));
@@ -107,7 +107,7 @@ impl Transport<'_> {
         faces
     }
 
-    /// The light that moments of radiance scatter: a source by cell.
+    /// Light scattered from moments of radiance: a source by cell.
     fn scatter(&self, moments: &[f32], source: &mut [f32]) {
         let count = self.quadrature.harmonics;
         let cells = source.par_chunks_mut(4 * count).zip(moments.par_chunks(4 * count));
@@ -127,8 +127,9 @@ impl Transport<'_> {
         });
     }
 
-    /// The radiance of the source in the buffers, with what came in through the sides and from the
-    /// surface; and what comes in next.
+    /// Radiance of the source in the buffers and of the light in `field` that enters through the
+    /// sides and from the surface. The sides and the irradiance of the result enter in the next
+    /// sweep.
     fn sweep(&self, buffers: &mut SweepBuffers, origin: Origin, field: &Field) -> Field {
         let octants: Vec<(usize, &Octant)> = self.quadrature.octants.iter().enumerate().collect();
         let SweepBuffers { source, parts } = buffers;
@@ -167,7 +168,7 @@ impl Transport<'_> {
         pieces.for_each(|(number, sums)| {
             let [a, b, c, d]: [&[f32]; ARRAYS] =
                 std::array::from_fn(|part| &parts[part].values[number * PIECE..][..sums.len()]);
-            // Written before it is read: reading a page that the kernel has just given costs more.
+            // Written before it is read: reading a page newly provided by the kernel takes longer.
             for (n, sum) in sums.iter_mut().enumerate() {
                 *sum = (a[n] + b[n]) + (c[n] + d[n]);
             }
@@ -175,16 +176,16 @@ impl Transport<'_> {
         whole
     }
 
-    /// The light that is scattered and that of the origin.
+    /// Sum of the scattered light and the source of the origin.
     fn source(&self, field: &Field, origin: Origin, source: &mut [f32]) {
         self.scatter(&field.moments, source);
         source.par_iter_mut().zip(origin.own).for_each(|(sum, value)| *sum += value);
     }
 
-    /// The radiance of an origin that is scattered on and on, from a first guess, and the
-    /// number of sweeps: by the generalised minimal residual method (Saad and Schultz 1986)
-    /// until the change of a sweep is less than `tolerance` of the radiance, or `go_on` says no to
-    /// what it is after each sweep.
+    /// Radiance of an origin after all orders of scattering, from a first guess, and the number of
+    /// sweeps: by the generalised minimal residual method (Saad and Schultz 1986) until the change
+    /// of a sweep is less than `tolerance` times the radiance, or until `go_on`, which receives
+    /// this relative change after each sweep, returns `false`.
     pub(super) fn solve(
         &self,
         origin: Origin,
@@ -211,8 +212,8 @@ impl Transport<'_> {
         }
     }
 
-    /// Add to a field the combination of [`RESTART`] directions that leaves least of its
-    /// change in a sweep; the number of sweeps that this takes.
+    /// Add to a field the combination of up to [`RESTART`] directions that minimises its change in
+    /// a sweep. Returns the number of sweeps that this takes.
     fn correct(
         &self,
         buffers: &mut SweepBuffers,
@@ -224,7 +225,7 @@ impl Transport<'_> {
         let size = change.norm();
         change.scale(1.0 / size);
         let mut directions = vec![change];
-        // The columns of the triangular matrix, the rotations that made it, and what is left.
+        // Columns of the triangular matrix, the rotations that produced it, and the residual.
         let (mut columns, mut rotations) = (Vec::<Vec<f64>>::new(), Vec::<(f64, f64)>::new());
         let mut left = vec![size];
         for number in 0..RESTART {
@@ -265,9 +266,9 @@ impl Transport<'_> {
         columns.len()
     }
 
-    /// The derivative of a quantity by the mean and slopes of the extinction without the
-    /// peak, from the radiance, the adjoint radiance and their origins; and the adjoint
-    /// radiance that leaves through the faces which the light of each octant comes in by.
+    /// Derivative of a quantity with respect to the mean and slopes of the delta-M scaled
+    /// extinction, from the radiance, the adjoint radiance and their origins. Also returns the
+    /// adjoint radiance that leaves through the faces at which the light of each octant enters.
     pub(super) fn by_extinction(
         &self,
         [(forward, origin), (adjoint, adjoint_origin)]: [(&Field, Origin); 2],
@@ -309,13 +310,13 @@ impl Transport<'_> {
     }
 }
 
-/// Only what leaves through the sides comes in again.
+/// Keep only the sides: only light that leaves through them re-enters.
 fn only_sides(faces: Faces) -> Faces {
     Faces { z: Vec::new(), ..faces }
 }
 
-/// Change the sign of the harmonics of odd degree: what the radiance would be if all light
-/// went backwards.
+/// Change the sign of the harmonics of odd degree, which gives the moments of the radiance with all
+/// directions reversed.
 pub(super) fn reverse(moments: &mut [f32], harmonics: usize) {
     let odd: Vec<bool> = degrees(harmonics).map(|degree| degree % 2 == 1).collect();
     for row in moments.chunks_exact_mut(harmonics) {
@@ -339,7 +340,7 @@ impl Field {
     }
 
     fn dot(&self, other: &Self) -> f64 {
-        /// Numbers added in single precision, side by side.
+        /// Number of products that are summed in single precision.
         const RUN: usize = 256;
         let run =
             |(a, b): (&[f32], &[f32])| f64::from(a.iter().zip(b).map(|(a, b)| a * b).sum::<f32>());
@@ -354,12 +355,12 @@ impl Field {
         self.dot(self).sqrt()
     }
 
-    /// Add `factor` times another field.
+    /// Add `factor * other`.
     fn add(&mut self, factor: f64, other: &Self) {
         self.combine(1.0, factor, other);
     }
 
-    /// Become so many times itself and so many times another field.
+    /// Set `self = own * self + factor * other`.
     fn combine(&mut self, own: f64, factor: f64, other: &Self) {
         let (own, factor) = (own as f32, factor as f32);
         for (into, values) in self.parts_mut().zip(other.parts()) {
@@ -367,12 +368,12 @@ impl Field {
         }
     }
 
-    /// Take away each of some fields so many times, piece by piece: the pieces stay in the cache.
+    /// Subtract `times[i] * fields[i]` for all `i`, in pieces that stay in the cache.
     fn take_away(&mut self, times: &[f64], fields: &[Self]) {
         let mut others: Vec<_> = fields.iter().map(Self::parts).collect();
         for part in self.parts_mut() {
             let others: Vec<&[f32]> =
-                others.iter_mut().map(|parts| parts.next().expect("fields alike")).collect();
+                others.iter_mut().map(|parts| parts.next().expect("equal layouts")).collect();
             part.par_chunks_mut(PIECE).enumerate().for_each(|(number, into)| {
                 for (values, times) in others.iter().zip(times) {
                     let values = &values[number * PIECE..][..into.len()];
@@ -388,7 +389,7 @@ impl Field {
     }
 }
 
-/// Adds up moments, `[slot][4][harmonic]`.
+/// Sum of moments over the ordinates, `[slot][4][harmonic]`.
 struct Moments {
     values: Vec<f32>,
 }
@@ -401,7 +402,7 @@ impl Visit for Moments {
     }
 }
 
-/// Keeps the radiance, `[slot][4][ordinate]`.
+/// Stores the radiance, `[slot][4][ordinate]`.
 struct Radiance {
     values: Vec<f32>,
 }
@@ -413,8 +414,8 @@ impl Visit for Radiance {
     }
 }
 
-/// Multiplies with a radiance of the opposite octant: what mean and slopes of the
-/// extinction do to it.
+/// Multiplies the radiance with that of the opposite octant, for the derivative with respect to the
+/// mean and slopes of the extinction.
 struct Products<'a> {
     radiance: &'a [f32],
     sums: &'a mut [[f32; 4]],
@@ -433,5 +434,103 @@ impl Visit for Products<'_> {
         let sums = &mut self.sums[slot];
         sums[0] += (0..4).map(|m| weighted(m, m)).sum::<f32>();
         (1..4).for_each(|m| sums[m] += weighted(0, m) + weighted(m, 0));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::{cloud, model};
+    use super::*;
+    use crate::optics::Interpolation;
+    use crate::rng::{Purpose, RngExt, stream};
+    use std::f64::consts::PI;
+
+    /// What the cells emit is absorbed in them or leaves through the faces of the grid.
+    #[test]
+    fn a_sweep_conserves_energy() {
+        let extinction = cloud(60.0);
+        let mut model = model(&extinction, Interpolation::Trilinear, Boundary::Open);
+        model.images(&extinction).unwrap();
+        let state = model.state.as_ref().unwrap();
+        let (lattice, count) = (&model.lattice, model.quadrature.harmonics);
+        let mut rng = stream(3, Purpose::Validation, &[]);
+        let source: Vec<f32> =
+            state.field.moments.iter().map(|_| rng.random_range(-1.0..1.0)).collect();
+        let medium = Medium { lattice, extinction: &state.scaled };
+        let mut moments = Moments { values: vec![0.0; source.len()] };
+        let mut leaving = 0.0;
+        for octant in &model.quadrature.octants {
+            let mut way = [(octant, Faces::dark(lattice, octant))];
+            sweep(medium, &mut way, &source, &mut moments);
+            let [(_, faces)] = way;
+            for (axis, values) in [&faces.x, &faces.y, &faces.z].into_iter().enumerate() {
+                for face in values.chunks_exact(3 * octant.ordinates) {
+                    for n in 0..octant.ordinates {
+                        let flux = face[n] * octant.weights[n] * octant.cosines[axis][n];
+                        leaving += f64::from(flux) / lattice.grid.spacing[axis];
+                    }
+                }
+            }
+        }
+        // The integral over all directions of the harmonic of degree 0.
+        let solid_angle = (4.0 * PI).sqrt();
+        let (mut emitted, mut absorbed, mut size) = (0.0, 0.0, 0.0);
+        for slot in 0..lattice.len() {
+            let at = |m: usize| (slot * 4 + m) * count;
+            let share = solid_angle * f64::from(lattice.share(slot));
+            emitted += share * f64::from(source[at(0)]);
+            size += share * f64::from(source[at(0)].abs());
+            absorbed += share
+                * (0..4)
+                    .map(|m| f64::from(state.scaled[slot][m] * moments.values[at(m)]))
+                    .sum::<f64>();
+        }
+        let balance = emitted - absorbed - leaving;
+        assert!(absorbed.abs() > 1e-3 * size && leaving.abs() > 1e-3 * size);
+        assert!(balance.abs() < 1e-5 * size, "{emitted} {absorbed} {leaving}");
+    }
+
+    /// The sweeps of all octants are the transpose of those of the opposite directions.
+    #[test]
+    fn a_sweep_has_its_transpose() {
+        let extinction = cloud(60.0);
+        for interpolation in [Interpolation::Constant, Interpolation::Trilinear] {
+            let mut model = model(&extinction, interpolation, Boundary::Open);
+            model.images(&extinction).unwrap();
+            let state = model.state.as_ref().unwrap();
+            let (lattice, count) = (&model.lattice, model.quadrature.harmonics);
+            let mut rng = stream(4, Purpose::Validation, &[]);
+            let mut draw = || -> Vec<f32> {
+                state.field.moments.iter().map(|_| rng.random_range(-1.0..1.0)).collect()
+            };
+            let swept = |source: &[f32]| {
+                let medium = Medium { lattice, extinction: &state.scaled };
+                let mut moments = Moments { values: vec![0.0; source.len()] };
+                for octant in &model.quadrature.octants {
+                    let mut way = [(octant, Faces::dark(lattice, octant))];
+                    sweep(medium, &mut way, source, &mut moments);
+                }
+                moments.values
+            };
+            let dot = |one: &[f32], other: &[f32]| -> f64 {
+                let pairs = one.chunks_exact(4 * count).zip(other.chunks_exact(4 * count));
+                pairs
+                    .enumerate()
+                    .map(|(slot, (a, b))| {
+                        let pairs = a.iter().zip(b);
+                        let sum: f64 = pairs.map(|(a, b)| f64::from(*a) * f64::from(*b)).sum();
+                        f64::from(lattice.share(slot)) * sum
+                    })
+                    .sum()
+            };
+            let (source, mut weights) = (draw(), draw());
+            let forward = dot(&swept(&source), &weights);
+            reverse(&mut weights, count);
+            let mut back = swept(&weights);
+            reverse(&mut back, count);
+            let backward = dot(&back, &source);
+            let error = (forward - backward).abs();
+            assert!(error < 2e-5 * forward.abs(), "{interpolation:?}: {forward} {backward}");
+        }
     }
 }

@@ -1,4 +1,4 @@
-//! The cells of the solver, and the extinction in them.
+//! Cells of the solver, and the extinction in them.
 
 use crate::grid::Grid;
 use crate::math::{DVec3, Ray};
@@ -6,19 +6,20 @@ use crate::optics::Interpolation;
 use crate::scene::Boundary;
 use crate::traverse::walk;
 
-/// Mark of a voxel that is not active.
+/// Marks a voxel that is not active.
 const NONE: u32 = u32::MAX;
-/// The most cells that a voxel is split into along an axis.
+/// Maximum number of cells into which a voxel is split along an axis.
 pub(super) const MOST_PARTS: usize = 8;
 
-/// The cells: voxels of a constant medium, boxes between voxel centres of a trilinear one (both are
-/// called voxels here). Those that hold medium, or may come to hold some, are active, and split
-/// where they are optically thick; each of their cells has a slot.
+/// Cells of the solver. Voxels of a constant medium and boxes between the voxel centres of a
+/// trilinear medium are both called voxels here. Those that contain medium, or may come to contain
+/// some, are active, and are split into cells where they are optically thick. Each cell of an
+/// active voxel has an index, its slot.
 #[derive(Debug)]
 pub(super) struct Lattice {
-    /// A block of voxels around all that is active.
+    /// Block of voxels around all active ones.
     pub(super) grid: Grid,
-    /// The sides.
+    /// Lateral boundary.
     pub(super) boundary: Boundary,
     /// Number of each voxel of the block among the active ones, or [`NONE`].
     numbers: Vec<u32>,
@@ -27,8 +28,8 @@ pub(super) struct Lattice {
     owners: Vec<u32>,
     /// Whether voxels are split along x, y, z.
     splits: [bool; 3],
-    /// The voxels of the medium at the corners of each active voxel, x fastest; the one that it
-    /// is where the medium is constant.
+    /// Voxels of the medium at the corners of each active voxel, x fastest; for a constant medium,
+    /// the voxel itself.
     corners: Vec<u32>,
     corners_each: usize,
 }
@@ -36,34 +37,34 @@ pub(super) struct Lattice {
 /// An active voxel.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Active {
-    /// Its index in the block.
+    /// Index in the block.
     voxel: u32,
-    /// Number of its parts along an axis that is split, and the slot of the first of them.
+    /// Number of parts along each split axis, and slot of the first part.
     pub(super) parts: u32,
     pub(super) first: u32,
-    /// The extinction (1/km) that it is prepared for.
+    /// Extinction (1/km) for which the voxel is prepared.
     pub(super) prepared: f32,
 }
 
-/// A part of a ray, in one active voxel.
+/// Part of a ray in one active voxel.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Segment {
-    /// The number of the voxel among the active ones.
+    /// Number of the voxel among the active ones.
     pub(super) number: usize,
-    /// Distance from the ray's origin at which it enters, and length (km).
+    /// Distance from the origin of the ray to the entry point, and length (km).
     pub(super) enter: f64,
     pub(super) length: f64,
-    /// Where it enters and leaves, from 0 to 1 along x, y, z of the voxel.
+    /// Entry and exit points, from 0 to 1 along x, y, z of the voxel.
     pub(super) from: DVec3,
     pub(super) to: DVec3,
 }
 
-/// A part of a ray, in one cell.
+/// Part of a ray in one cell.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct CellSegment {
     /// The slot of the cell.
     pub(super) slot: usize,
-    /// As of a [`Segment`], along x, y, z of the cell.
+    /// As in [`Segment`], but along x, y, z of the cell.
     pub(super) enter: f64,
     pub(super) length: f64,
     pub(super) from: DVec3,
@@ -71,9 +72,10 @@ pub(super) struct CellSegment {
 }
 
 impl Lattice {
-    /// The cells of a grid of voxels. `prepared` gives the extinction (1/km) that a voxel is
-    /// prepared for, and `None` of one that does not matter; `parts` the number of cells along an
-    /// axis of a voxel prepared for an extinction. A periodic axis of a single voxel is not split.
+    /// Cells of a grid of voxels. `prepared` returns the extinction (1/km) for which a voxel is
+    /// prepared, or `None` for a voxel that stays empty; `parts` returns the number of cells along
+    /// an axis of a voxel prepared for an extinction. A periodic axis with a single voxel is not
+    /// split.
     pub(super) fn new(
         voxels: &Grid,
         interpolation: Interpolation,
@@ -89,7 +91,7 @@ impl Lattice {
             let corners = corners(voxels, place, corners_each);
             corners.iter().filter_map(|voxel| prepared(*voxel as usize)).reduce(f32::max)
         };
-        // Between open sides nothing happens beyond the last active box.
+        // Between open sides, nothing beyond the outermost active boxes has an effect.
         let [first, shape] = bounds(&boxes, boundary, |place| of_box(place).is_some());
         let start = DVec3::new(first[2] as f64, first[1] as f64, first[0] as f64);
         let grid = Grid { origin: boxes.origin + start * boxes.spacing, shape, ..boxes };
@@ -142,13 +144,13 @@ impl Lattice {
         self.owners[slot] as usize
     }
 
-    /// Number of cells along x, y, z of a voxel of so many parts.
+    /// Number of cells along x, y, z of a voxel with the given number of parts.
     #[inline(always)]
     pub(super) fn parts_along(&self, parts: u32) -> [usize; 3] {
         self.splits.map(|split| if split { parts as usize } else { 1 })
     }
 
-    /// Number of cells along x, y, z of the voxel of a slot, and the place of the slot among them.
+    /// Number of cells along x, y, z of the voxel of a slot, and position of the slot among them.
     #[inline]
     fn place(&self, slot: usize) -> (DVec3, DVec3) {
         let active = &self.active[self.owner(slot)];
@@ -158,20 +160,20 @@ impl Lattice {
         (DVec3::new(px as f64, py as f64, pz as f64), DVec3::from_array(place))
     }
 
-    /// Volume of a cell over that of a voxel.
+    /// Volume of a cell relative to that of a voxel.
     #[inline]
     pub(super) fn share(&self, slot: usize) -> f32 {
         let cells: usize = self.parts_along(self.active[self.owner(slot)].parts).iter().product();
         1.0 / cells as f32
     }
 
-    /// The voxels that an active voxel takes its properties from.
+    /// Voxels of the medium from which an active voxel takes its properties.
     #[inline]
     pub(super) fn voxels_of(&self, number: usize) -> &[u32] {
         &self.corners[number * self.corners_each..][..self.corners_each]
     }
 
-    /// The extinction at a place in an active voxel, from 0 to 1 along each axis.
+    /// Extinction at a position in an active voxel, from 0 to 1 along each axis.
     #[inline]
     pub(super) fn value_in(&self, voxels: &[f32], number: usize, at: DVec3) -> f64 {
         match self.voxels_of(number) {
@@ -196,7 +198,7 @@ impl Lattice {
         }
     }
 
-    /// A place in a cell as one in its voxel, both from 0 to 1 along each axis.
+    /// Convert a position in a cell to one in its voxel, both from 0 to 1 along each axis.
     #[inline]
     fn in_voxel(&self, slot: usize, at: DVec3) -> DVec3 {
         if self.corners_each == 1 {
@@ -206,7 +208,7 @@ impl Lattice {
         (place + at) / parts
     }
 
-    /// The extinction at a place in a cell, from 0 to 1 along each axis.
+    /// Extinction at a position in a cell, from 0 to 1 along each axis.
     #[inline]
     pub(super) fn value(&self, voxels: &[f32], slot: usize, at: DVec3) -> f64 {
         self.value_in(voxels, self.owner(slot), self.in_voxel(slot, at))
@@ -239,7 +241,7 @@ impl Lattice {
         }
     }
 
-    /// A place in a cell, from 0 to 1 along each axis, in km.
+    /// Convert a position in a cell, from 0 to 1 along each axis, to km.
     pub(super) fn point(&self, slot: usize, at: DVec3) -> DVec3 {
         let [k, j, i] = index(&self.grid, self.active[self.owner(slot)].voxel as usize);
         let corner = DVec3::new(i as f64, j as f64, k as f64);
@@ -247,11 +249,11 @@ impl Lattice {
         self.grid.origin + self.grid.spacing * (corner + (place + at) / parts)
     }
 
-    /// The active voxels that a ray passes, in order.
+    /// Active voxels that a ray crosses, in order.
     pub(super) fn segments(&self, ray: Ray) -> impl Iterator<Item = Segment> {
         let grid = self.unfolded(&ray);
         let [_, ny, nx] = self.grid.shape;
-        // Most voxels of a block are not active, and most rays stay in one copy of it.
+        // Most voxels of a block are not active, and most rays stay in one copy of the block.
         let folded = |index: usize, count: usize| if index < count { index } else { index % count };
         let origin = (ray.origin - grid.origin) / grid.spacing;
         let direction = ray.direction / grid.spacing;
@@ -273,7 +275,7 @@ impl Lattice {
         })
     }
 
-    /// Pass the cells of a part of a ray to `visit`, in order.
+    /// Pass the cells that a segment crosses to `visit`, in order.
     #[inline]
     pub(super) fn cells(&self, segment: &Segment, mut visit: impl FnMut(CellSegment)) {
         let Segment { number, enter, length, from, to } = *segment;
@@ -285,7 +287,7 @@ impl Lattice {
         let along = self.parts_along(parts);
         let parts = DVec3::new(along[0] as f64, along[1] as f64, along[2] as f64);
         let (from, reach) = (from * parts, (to - from) * parts);
-        // The shares of the way at which the ray goes from cell to cell.
+        // Fractions of the segment at which the ray crosses from one cell to the next.
         let mut crossings = [1.0; 3 * MOST_PARTS];
         let mut count = 0;
         for axis in 0..3 {
@@ -317,7 +319,7 @@ impl Lattice {
         }
     }
 
-    /// The grid; between periodic sides as many of its copies as a ray passes.
+    /// The grid; between periodic sides, extended by as many copies of it as a ray crosses.
     fn unfolded(&self, ray: &Ray) -> Grid {
         let mut grid = self.grid;
         if self.boundary == Boundary::Open || ray.direction.z == 0.0 {
@@ -349,8 +351,8 @@ fn boxes(voxels: &Grid, boundary: Boundary) -> Grid {
     Grid { origin: voxels.origin + 0.5 * voxels.spacing, shape, ..*voxels }
 }
 
-/// The first box and the number of boxes along z, y, x of the smallest block that holds all
-/// active ones; between periodic sides all of a level. One box where none is active.
+/// First box and number of boxes along z, y, x of the smallest block that contains all active
+/// boxes; between periodic sides, it contains whole levels. One box if none is active.
 fn bounds(boxes: &Grid, boundary: Boundary, holds: impl Fn([usize; 3]) -> bool) -> [[usize; 3]; 2] {
     let mut ends: Option<[[usize; 3]; 2]> = None;
     for place in (0..boxes.len()).map(|number| index(boxes, number)) {
@@ -371,8 +373,8 @@ fn bounds(boxes: &Grid, boundary: Boundary, holds: impl Fn([usize; 3]) -> bool) 
     [first, shape]
 }
 
-/// The voxels at the first `count` corners of a box; those beyond the last are the first
-/// ones again.
+/// Voxels at the first `count` corners of a box; indices beyond the last voxel wrap around to the
+/// first.
 fn corners(voxels: &Grid, [k, j, i]: [usize; 3], count: usize) -> Vec<u32> {
     let [_, ny, nx] = voxels.shape;
     let corner = |n: usize| {
@@ -388,26 +390,26 @@ pub(super) fn index(grid: &Grid, cell: usize) -> [usize; 3] {
     [cell / nx / ny, cell / nx % ny, cell % nx]
 }
 
-/// Where a corner is, from 0 to 1 along each axis.
+/// Position of a corner, from 0 to 1 along each axis.
 fn place_of(corner: usize) -> DVec3 {
     DVec3::new((corner & 1) as f64, (corner >> 1 & 1) as f64, (corner >> 2) as f64)
 }
 
-/// The weights of the eight corners at a place in a cell.
+/// Weights of the eight corners at a position in a cell.
 #[inline]
 pub(super) fn corner_weights(at: DVec3) -> [f64; 8] {
     let pairs = [at.x, at.y, at.z].map(|x| [1.0 - x, x]);
     std::array::from_fn(|c| pairs[0][c & 1] * pairs[1][c >> 1 & 1] * pairs[2][c >> 2])
 }
 
-/// What a corner adds to mean and slopes.
+/// Contribution of a corner to the mean and the slopes.
 fn corner_coefficients(corner: usize) -> [f32; 4] {
     let slope = 0.125 / 3.0_f32.sqrt();
     let side = |axis: usize| if corner >> axis & 1 == 1 { slope } else { -slope };
     [0.125, side(0), side(1), side(2)]
 }
 
-/// The functions in which radiance and sources are expanded, at a place in a cell.
+/// Basis functions of radiance and sources at a position in a cell.
 #[inline]
 pub(super) fn basis(at: DVec3) -> [f64; 4] {
     let [x, y, z] = (3.0_f64.sqrt() * (2.0 * at - 1.0)).to_array();

@@ -1,14 +1,14 @@
-//! The deterministic solver: discrete ordinates on discontinuous finite elements.
+//! The discrete-ordinates solver, on discontinuous finite elements.
 //!
-//! Radiance without noise, and its exact derivatives. Sunlight that was not scattered is
-//! followed along rays ([`beam`]); what it scatters goes from cell to cell in discrete
-//! directions ([`sweep`]) and is scattered on until both agree ([`diffuse`]); the camera
-//! collects along its own rays ([`camera`]).
+//! It computes radiance without noise, and its exact derivatives. Unscattered sunlight is followed
+//! along rays ([`beam`]). The light that it scatters is transported from cell to cell in discrete
+//! directions ([`sweep`]) and scattered again until transport and scattering are consistent
+//! ([`diffuse`]). The camera integrates along its own rays ([`camera`]).
 //!
-//! The derivative is that of what is computed, not of the equation: all steps are run
-//! backwards with the transpose of each. The transfer equations of a direction are the
-//! transpose of those of the opposite one, so the adjoint radiance comes from the same
-//! solver (Martin, Cairns and Bal 2014 for the equation).
+//! The derivative is that of the discretised computation, not of the continuous equation: all steps
+//! are run backwards, each with its transpose. The transfer equations of a direction are the
+//! transpose of those of the opposite one, so the adjoint radiance comes from the same solver
+//! (Martin, Cairns and Bal 2014 for the continuous equation).
 
 mod beam;
 mod broadened;
@@ -44,26 +44,26 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use surroundings::{OnSurface, Surroundings};
 use sweep::Faces;
 
-/// The share of a rendering that is done when the solution is there, about.
+/// Approximate share of the work of a rendering that the solution takes.
 const SOLVED: f64 = 0.6;
 
-/// The images of one scene by the same views for any extinction, and their derivatives.
-/// Each solution starts from the one before.
+/// Images of one scene by given views for any extinction, and their derivatives. Each solution
+/// starts from the previous one.
 #[derive(Debug)]
 pub struct OrdinatesModel {
     scene: Scene,
     views: Vec<View>,
     tiles: Vec<Tile>,
-    /// The pixels that are computed; all without it.
+    /// Pixels that are computed; all of them if `None`.
     pixels: Option<Array3<bool>>,
     settings: OrdinatesSettings,
     lattice: Lattice,
     optics: Optics,
     surroundings: Surroundings,
-    /// Optical depth of the air towards the Sun, by cell.
+    /// Optical depth of the molecular atmosphere towards the Sun, by cell.
     air_depths: Vec<f32>,
     quadrature: Quadrature,
-    /// Where sunlight is looked at in a cell.
+    /// Points of a cell at which sunlight is evaluated, with their weights.
     cubature: Vec<(DVec3, f64)>,
     state: Option<State>,
     adjoint: Option<Field>,
@@ -71,18 +71,18 @@ pub struct OrdinatesModel {
     converged: bool,
 }
 
-/// A solution.
+/// A solution for one extinction.
 #[derive(Debug)]
 struct State {
     extinction: Vec<f32>,
     unscaled: Vec<[f32; 4]>,
     scaled: Vec<[f32; 4]>,
     sun_depths: Vec<[f32; 8]>,
-    /// The share of the sunlight that the cloud takes from the surface.
+    /// Share of the direct sunlight that the cloud blocks, by point of the surface.
     shade: Vec<f32>,
-    /// What comes in through the faces, by octant.
+    /// Radiance that enters through the faces from outside, by octant.
     outside: Vec<Faces>,
-    /// Light scattered for the first time, without the peak: `[slot][4][harmonic]`.
+    /// Source of light scattered once, without the forward peak: `[slot][4][harmonic]`.
     first: Vec<f32>,
     field: Field,
 }
@@ -94,13 +94,13 @@ impl State {
 }
 
 impl OrdinatesModel {
-    /// A model of what `views` see of `scene`. The scene's medium tells the grid and what
-    /// collisions do; its extinction may be replaced. Voxels that hold nothing stay
-    /// empty, unless a `mask` says which ones may hold something.
+    /// Model of the images of `scene` for `views`. The medium of the scene specifies the grid and
+    /// the scattering; its extinction may be replaced. Empty voxels remain empty, unless `mask`
+    /// marks them as voxels that may contain cloud.
     ///
     /// # Errors
-    /// No view, views of different sizes, a setting out of range, a trilinear medium with a
-    /// single layer, or a mask on another grid.
+    /// Fails if there is no view, if the views differ in size, if a setting is out of range, if a
+    /// trilinear medium has only one voxel along an axis, or if the mask is on another grid.
     pub fn new(
         scene: &Scene,
         views: &[View],
@@ -160,10 +160,10 @@ impl OrdinatesModel {
         })
     }
 
-    /// Look from other views from now on.
+    /// Replace the views, and compute all of their pixels.
     ///
     /// # Errors
-    /// No view, or views of different sizes.
+    /// Fails if there is no view, or if the views differ in size.
     pub fn look_from(&mut self, views: &[View]) -> Result<()> {
         check_sizes(views)?;
         self.views = views.to_vec();
@@ -173,10 +173,10 @@ impl OrdinatesModel {
         Ok(())
     }
 
-    /// Compute these pixels `[view, row, col]` only from now on, and leave all others at 0.
+    /// Compute only the given pixels `[view, row, col]` from now on; all others are set to 0.
     ///
     /// # Errors
-    /// Pixels of another shape than the images.
+    /// Fails if `pixels` does not have the shape of the images.
     pub fn look_at(&mut self, pixels: &Array3<bool>) -> Result<()> {
         let [rows, cols] = [self.views[0].rows, self.views[0].cols];
         let expected = [self.views.len(), rows, cols];
@@ -185,7 +185,7 @@ impl OrdinatesModel {
                 "shape [view, row, col] of the pixels",
                 format!("{expected:?}"),
                 format!("{:?}", pixels.shape()),
-                "give one for each pixel of the images",
+                "give one value for each pixel of the images",
             ));
         }
         self.pixels = Some(pixels.clone());
@@ -197,7 +197,7 @@ impl OrdinatesModel {
         self.lattice.len()
     }
 
-    /// Whether the last solution came to the tolerance of the settings.
+    /// Whether the last solution reached the tolerance of the settings.
     pub fn converged(&self) -> bool {
         self.converged
     }
@@ -207,23 +207,23 @@ impl OrdinatesModel {
         self.sweeps
     }
 
-    /// Radiance (1/sr for a Sun of unit irradiance) for an extinction (1/km), the mean over
-    /// each pixel's area.
+    /// Radiance (1/sr for a Sun of unit irradiance) for an extinction (1/km), averaged over the
+    /// area of each pixel.
     ///
     /// # Errors
-    /// An extinction on another grid, negative or not finite.
+    /// Fails if the extinction is on another grid, negative or not finite.
     pub fn images(&mut self, extinction: &Volume) -> Result<ViewStack> {
         self.watched(extinction, &())
     }
 
-    /// The same for somebody who waits, and may stop the sweeps: the images are then those of a
-    /// solution that has not converged.
+    /// [`Self::images`] with a progress callback, which may stop the sweeps; the images are then
+    /// those of a solution that has not converged.
     pub(super) fn watched(&mut self, extinction: &Volume, watch: &dyn Watch) -> Result<ViewStack> {
         let grid = &self.scene.medium.extinction.grid;
         grid.check_same("the extinction", &extinction.grid)?;
         extinction.check_non_negative("extinction")?;
         self.solve(standard(&extinction.values), watch);
-        let state = self.state.as_ref().expect("just solved");
+        let state = self.state.as_ref().expect("solved above");
         let camera = self.camera(state);
         let [rows, cols] = [self.views[0].rows, self.views[0].cols];
         let mut images = Array3::zeros((self.views.len(), rows, cols));
@@ -255,12 +255,12 @@ impl OrdinatesModel {
         ViewStack::new(images)
     }
 
-    /// The derivative of the sum of `weights` times the images with respect to the
-    /// extinction of each voxel (km), at the extinction of the last [`Self::images`];
-    /// zero where the model is empty.
+    /// Derivative of the sum of `weights` times the images with respect to the extinction of each
+    /// voxel (km), at the extinction of the last [`Self::images`]; zero where the model is empty.
     ///
     /// # Errors
-    /// Weights of another shape than the images, or no images made yet.
+    /// Fails if the weights do not have the shape of the images, or if no images have been
+    /// computed.
     pub fn gradient(&mut self, weights: &ViewStack) -> Result<Volume> {
         let [rows, cols] = [self.views[0].rows, self.views[0].cols];
         let expected = [self.views.len(), rows, cols];
@@ -273,13 +273,13 @@ impl OrdinatesModel {
             ));
         }
         let Some(state) = self.state.as_ref() else {
-            return Err(Error::out_of_range("images", "not made", "made before their derivative"));
+            return Err(Error::out_of_range("images", "missing", "computed before the gradient"));
         };
         let (by_voxel, adjoint) = self.differentiate(state, weights);
         self.adjoint = Some(adjoint);
         let grid = self.scene.medium.extinction.grid;
         let values = by_voxel.into_iter().map(|value| value as f32).collect();
-        Volume::new(grid, Array3::from_shape_vec(grid.shape, values).expect("its shape"))
+        Volume::new(grid, Array3::from_shape_vec(grid.shape, values).expect("matching shape"))
     }
 
     fn rays<'a>(&'a self, extinction: &'a [f32]) -> Rays<'a> {
@@ -311,7 +311,8 @@ impl OrdinatesModel {
         Transport { rays, quadrature, surroundings, unscaled, scaled }
     }
 
-    /// What one slot scatters of the Sun's light in each harmonic, over what it stops.
+    /// Direct sunlight that one slot scatters into each harmonic, over the sunlight that it removes
+    /// from the beam.
     fn turned_sunlight(&self) -> impl Fn(usize) -> Vec<f32> + Sync {
         let sun = first_harmonics(-self.scene.sun.towards(), self.quadrature.harmonics);
         move |slot| {
@@ -320,8 +321,8 @@ impl OrdinatesModel {
         }
     }
 
-    /// The source of light that was scattered once, `[slot][4][harmonic]`, from what of the
-    /// Sun's light is stopped.
+    /// Source of light scattered once, `[slot][4][harmonic]`, from the sunlight removed from the
+    /// beam.
     fn first(&self, stopped: &[[f32; 4]]) -> Vec<f32> {
         let turned = self.turned_sunlight();
         let mut source = Vec::with_capacity(stopped.len() * 4 * self.quadrature.harmonics);
@@ -363,7 +364,7 @@ impl OrdinatesModel {
         let OrdinatesSettings { tolerance, most_sweeps, .. } = self.settings;
         let irradiance = surroundings.start();
         let origin = Origin { own: &first, outside: &outside, irradiance };
-        // Sweeps lower the change by about the same factor each.
+        // Each sweep reduces the change by about the same factor.
         let go_on = |change: f64| {
             let share = change.min(1.0).ln() / tolerance.ln();
             watch.reached(&progress(SOLVED * share.clamp(0.0, 1.0)));
@@ -377,7 +378,7 @@ impl OrdinatesModel {
     }
 }
 
-/// How far the work is.
+/// Progress of a solver without photon paths.
 fn progress(share: f64) -> Progress {
     Progress { share, samples_per_pixel: 0, noise: 0.0 }
 }
@@ -386,8 +387,8 @@ fn all_tiles(views: &[View]) -> Vec<Tile> {
     views.iter().enumerate().flat_map(|(number, view)| tiles(number, view)).collect()
 }
 
-/// How many cells a voxel of an extinction without the peak (1/km) is split into along an axis.
-/// Nothing changes along an axis with a single voxel between periodic sides.
+/// Number of cells into which a voxel of a delta-M scaled extinction (1/km) is split along an axis.
+/// Axes with a single voxel between periodic sides do not count, since nothing varies along them.
 fn parts(extinction: f64, scene: &Scene, settings: &OrdinatesSettings) -> usize {
     let grid = &scene.medium.extinction.grid;
     let alone = |index: usize| scene.boundary == Boundary::Periodic && grid.shape[index] == 1;
@@ -404,5 +405,7 @@ fn standard(values: &Array3<f32>) -> Vec<f32> {
     values.as_standard_layout().iter().copied().collect()
 }
 
+#[cfg(test)]
+mod parts;
 #[cfg(test)]
 mod tests;

@@ -1,8 +1,8 @@
-//! What a collision does, as the solver sees it: the forward peak counted as no collision.
+//! Scattering as treated by the solver: the forward peak counts as no collision.
 //!
-//! The share of scattering beyond the last harmonic is sent straight on (delta-M: Wiscombe
-//! 1977). What it does to light scattered once is mended where the camera looks (TMS:
-//! Nakajima and Tanaka 1988).
+//! The fraction of the scattering beyond the last harmonic is treated as exactly forward (delta-M:
+//! Wiscombe 1977). Its effect on light scattered once is corrected in the camera (TMS: Nakajima and
+//! Tanaka 1988).
 
 use super::broadened::{Broadened, LEVELS, place};
 use super::lattice::{Lattice, index};
@@ -12,11 +12,12 @@ use crate::optics::{PhaseFunction, Scattering};
 use rayon::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Angles between which changes of single scattering count as linear (radians).
+/// Largest spacing of the angles between which changes of single scattering are interpolated
+/// linearly (radians).
 const ANGLE_STEP: f64 = 0.002;
 
-/// What the forward peak does to single scattering at angles around the one that a camera sees:
-/// see [`Optics::changes`].
+/// Effect of the forward peak on single scattering at angles around that seen by a camera: see
+/// [`Optics::changes`].
 #[derive(Debug, Clone)]
 pub(super) struct Changes {
     least: f64,
@@ -26,7 +27,8 @@ pub(super) struct Changes {
 }
 
 impl Changes {
-    /// The angle below that of a cosine, and the part of the way to the next one.
+    /// Index of the tabulated angle below that of a cosine, and fraction of the distance to the
+    /// next one.
     fn place(&self, cosine: f64) -> (usize, f64) {
         let angle = (-cosine).clamp(-1.0, 1.0).acos();
         let place = ((angle - self.least) / self.step).clamp(0.0, (self.values.len() - 1) as f64);
@@ -35,20 +37,19 @@ impl Changes {
     }
 }
 
-/// Optics by active voxel; a single row of a uniform medium serves all.
+/// Optical properties by active voxel; a uniform medium has a single row for all voxels.
 #[derive(Debug)]
 pub(super) struct Optics {
     harmonics: usize,
-    /// Scattered light over extinction, `[row][harmonic]`, without the peak.
+    /// Scattered light over extinction, `[row][harmonic]`, without the forward peak.
     scattered: Vec<f32>,
-    /// Extinction without the peak over extinction, by row.
+    /// Delta-M scaling factor (extinction without the forward peak over extinction), by row.
     scaling: Vec<f32>,
-    /// The phase functions that light is scattered by in some cell, and what the forward peak
-    /// does to each.
+    /// Phase functions that occur in some cell, and the effect of the forward peak on each.
     phase_functions: Vec<(PhaseFunction, Broadened)>,
-    /// Optical depth of the peak over that without it, by row.
+    /// Optical depth of the forward peak over the delta-M scaled optical depth, by row.
     by_peak: Vec<f64>,
-    /// Their numbers and how much of the extinction scatters by each, by row.
+    /// Indices of the phase functions, and share of the extinction that each scatters, by row.
     shares: Vec<Vec<(usize, f64)>>,
 }
 
@@ -106,14 +107,14 @@ impl Optics {
         &self.scattered[self.row(number) * self.harmonics..][..self.harmonics]
     }
 
-    /// Extinction without the peak over extinction.
+    /// Delta-M scaling factor: extinction without the forward peak over extinction.
     #[inline]
     pub(super) fn delta_m_scaling(&self, number: usize) -> f32 {
         self.scaling[self.row(number)]
     }
 
-    /// What the forward peak does to single scattering between two angles from exact
-    /// backscatter (radians).
+    /// Effect of the forward peak on single scattering between two angles from exact backscatter
+    /// (radians).
     pub(super) fn changes(&self, least: f64, most: f64) -> Changes {
         let steps = ((most - least) / ANGLE_STEP).ceil().max(1.0) as usize;
         let step = ((most - least) / steps as f64).max(1e-9);
@@ -126,7 +127,7 @@ impl Optics {
         Changes { least, step, values }
     }
 
-    /// The densities of all phase functions at a cosine, for [`Optics::density`].
+    /// Compute the densities of all phase functions at a cosine, for [`Optics::density`].
     pub(super) fn densities(&self, cosine: f64, changes: &Changes, into: &mut Vec<[f64; LEVELS]>) {
         let (node, part) = changes.place(cosine);
         let [below, above] = [&changes.values[node], &changes.values[node + 1]];
@@ -139,9 +140,9 @@ impl Optics {
         }));
     }
 
-    /// Light scattered by the angle of the densities over extinction (1/sr), the peak and all,
-    /// where light has an optical `depth` behind and before it, the peak left out; and its
-    /// derivative by that depth.
+    /// Light scattered by the angle of `densities`, over extinction (1/sr), including the forward
+    /// peak, where the delta-M scaled optical `depth` of the path before and after the scattering
+    /// is given; and the derivative with respect to that depth.
     #[inline]
     pub(super) fn density(
         &self,
@@ -166,7 +167,7 @@ impl Optics {
     }
 }
 
-/// Extinction without the peak over extinction, of droplets of a middle size.
+/// Delta-M scaling factor, for droplets of intermediate size.
 pub(super) fn delta_m_scaling(scattering: &Scattering, zenith_angles: usize) -> f64 {
     let degrees = degrees_of(zenith_angles);
     let (albedo, phase_function) = match scattering {

@@ -1,38 +1,38 @@
-//! Directions and the functions on them: discrete ordinates and spherical harmonics.
+//! Discrete ordinates, and spherical harmonics on them.
 
 use crate::math::DVec3;
 use std::f64::consts::PI;
 
-/// Ordinates of an octant are filled up to a multiple of this with ones of no weight, so
-/// that every vector of a processor is full.
+/// The ordinates of an octant are padded with ordinates of zero weight to a multiple of this
+/// number, so that every vector of a processor is full.
 pub(super) const LANES: usize = 8;
 
-/// The discrete ordinates: [`zenith_rule`] in the cosine of the zenith angle times equal
-/// steps in azimuth, and the spherical harmonics of all degrees that they integrate
-/// exactly in products of two.
+/// Discrete ordinates: [`zenith_rule`] in the cosine of the zenith angle times equal steps in
+/// azimuth. The spherical harmonics include all degrees for which the ordinates integrate products
+/// of two harmonics exactly.
 #[derive(Debug)]
 pub(super) struct Quadrature {
     /// Number of degrees of the harmonics.
     pub(super) degrees: usize,
-    /// Number of harmonics: the square of the number of degrees, and as many zeros as fill
-    /// whole vectors.
+    /// Number of harmonics: the square of the number of degrees, padded with zeros to whole
+    /// vectors.
     pub(super) harmonics: usize,
-    /// The ordinates by octant; those of octant `7 - o` are opposite to those of `o`.
+    /// Ordinates by octant; those of octant `7 - o` are opposite to those of `o`.
     pub(super) octants: Vec<Octant>,
 }
 
-/// The ordinates of an octant, each `[f32; ordinates]` of a table side by side.
+/// Ordinates of an octant; the `[f32; ordinates]` of each table are contiguous.
 #[derive(Debug)]
 pub(super) struct Octant {
-    /// The sign of the directions along x, y, z.
+    /// Sign of the directions along x, y, z.
     pub(super) signs: [f32; 3],
-    /// Number of ordinates, those without weight among them.
+    /// Number of ordinates, including those of zero weight.
     pub(super) ordinates: usize,
     /// Components of the directions along x, y, z without their signs.
     pub(super) cosines: [Vec<f32>; 3],
-    /// The weight of each ordinate (sr).
+    /// Weight of each ordinate (sr).
     pub(super) weights: Vec<f32>,
-    /// The vertical components, without their sign, that each ordinate stands for.
+    /// Range of the vertical components, without their sign, that each ordinate represents.
     pub(super) bins: Vec<[f64; 2]>,
     /// Harmonics at the ordinates, `[harmonic][ordinate]`: from moments to radiances.
     pub(super) to_ordinates: Vec<f32>,
@@ -41,7 +41,7 @@ pub(super) struct Octant {
 }
 
 impl Quadrature {
-    /// The ordinates of an even number of zenith angles, and twice as many azimuths.
+    /// Ordinates for an even number of zenith angles and twice as many azimuths.
     pub(super) fn new(zenith_angles: usize) -> Self {
         let degrees = degrees_of(zenith_angles);
         let harmonics = (degrees * degrees).next_multiple_of(LANES);
@@ -93,27 +93,27 @@ impl Octant {
     }
 }
 
-/// Number of degrees of the harmonics in which so many zenith angles see radiance.
+/// Number of degrees of the harmonics that the given number of zenith angles resolves.
 pub(super) fn degrees_of(zenith_angles: usize) -> usize {
     zenith_angles - 1
 }
 
-/// The positive nodes and the weights of a rule on [-1, 1] of an even number of points
-/// that lie opposite each other: exact for polynomials up to degree `2 points - 4`, and for
-/// the flux of a hemisphere, the integral of `x` from 0 to 1.
+/// Positive nodes and weights of a symmetric rule on [-1, 1] with an even number of points. It is
+/// exact for polynomials up to degree `2 points - 4`, and for the flux of a hemisphere, the
+/// integral of `x` from 0 to 1.
 ///
-/// The rule of Gauss and Legendre is exact for two degrees more and 1.2 % wrong in the flux
-/// with 8 points. As energy is conserved in the light that the ordinates see, all radiance
-/// that leaves a cloud would be so much too dark.
+/// The Gauss-Legendre rule is exact for two degrees more, but has an error of 1.2 % in the flux for
+/// 8 points. Because energy is conserved in the radiance at the ordinates, all radiance that leaves
+/// a cloud would be too low by this amount.
 ///
-/// In `x^2` it is a rule of half as many points with one degree of freedom left: the nodes
-/// are the roots of `P_n + shift P_(n-2)` for any shift (Davis and Rabinowitz 1984, section
-/// 2.7, on quasi-orthogonal polynomials).
+/// In `x^2` it is a rule of half as many points with one degree of freedom left: the nodes are the
+/// roots of `P_n + shift P_(n-2)` for any shift (Davis and Rabinowitz 1984, section 2.7, on
+/// quasi-orthogonal polynomials).
 fn zenith_rule(points: usize) -> Vec<(f64, f64)> {
     let mut rule = gauss_legendre(points);
     let flux = |rule: &[(f64, f64)]| rule.iter().map(|(x, weight)| x * weight).sum::<f64>();
-    // The flux falls as the shift grows, and is too small where the last node has come to
-    // zero, at a shift of (n - 1) / n.
+    // The flux decreases as the shift grows, and is too small where the last node reaches zero, at
+    // a shift of (n - 1) / n.
     let (mut shift, mut step) = (0.0, 0.125 * degrees_of(points) as f64 / points as f64);
     while step > 1e-16 {
         let next = shifted_rule(points, shift + step, Some(&rule));
@@ -127,14 +127,13 @@ fn zenith_rule(points: usize) -> Vec<(f64, f64)> {
     rule
 }
 
-/// The positive nodes and the weights of the Gauss-Legendre rule of an even number of
-/// points on [-1, 1].
+/// Positive nodes and weights of the Gauss-Legendre rule with an even number of points on [-1, 1].
 pub(super) fn gauss_legendre(points: usize) -> Vec<(f64, f64)> {
     shifted_rule(points, 0.0, None)
 }
 
-/// The rule on the roots of `P_n + shift P_(n-2)` by Newton's method, starting from the
-/// nodes of another one (Press et al. 2007, section 4.6).
+/// Rule on the roots of `P_n + shift P_(n-2)` by Newton's method, starting from the nodes of
+/// another rule (Press et al. 2007, section 4.6).
 fn shifted_rule(points: usize, shift: f64, near: Option<&[(f64, f64)]>) -> Vec<(f64, f64)> {
     let n = points as f64;
     let guess = |number: usize| match near {
@@ -155,7 +154,7 @@ fn shifted_rule(points: usize, shift: f64, near: Option<&[(f64, f64)]>) -> Vec<(
     (0..points / 2).map(node).collect()
 }
 
-/// The Legendre polynomials of a degree and of two less, with their derivatives.
+/// Legendre polynomials of `degree` and of `degree - 2`, with their derivatives.
 fn legendre(degree: usize, x: f64) -> [(f64, f64); 2] {
     let mut values = vec![1.0, x];
     let mut derivatives = vec![0.0, 1.0];
@@ -167,13 +166,13 @@ fn legendre(degree: usize, x: f64) -> [(f64, f64); 2] {
     [degree, degree - 2].map(|n| (values[n], derivatives[n]))
 }
 
-/// The degree of each harmonic, in the order of [`spherical_harmonics`].
+/// Degree of each harmonic, in the order of [`spherical_harmonics`].
 pub(super) fn degrees(harmonics: usize) -> impl Iterator<Item = usize> {
     (0..harmonics).map(|harmonic| harmonic.isqrt())
 }
 
-/// The real spherical harmonics of the degrees below `count` at a unit vector: `l` by `l`,
-/// in each from `m = -l` to `l`, normalised so that the square of each integrates to 1.
+/// Real spherical harmonics of the degrees below `count` at a unit vector, ordered by `l` and then
+/// from `m = -l` to `l`, normalised so that the square of each integrates to 1.
 pub(super) fn spherical_harmonics(direction: DVec3, count: usize) -> Vec<f64> {
     let mut values = vec![0.0; count * count];
     let cosine = direction.z;
@@ -205,7 +204,7 @@ pub(super) fn spherical_harmonics(direction: DVec3, count: usize) -> Vec<f64> {
     values
 }
 
-/// The first harmonics at a direction, as many as there are with the zeros.
+/// The first `harmonics` spherical harmonics in a direction; this number includes the padding.
 pub(super) fn first_harmonics(direction: DVec3, harmonics: usize) -> Vec<f32> {
     let degrees = harmonics.saturating_sub(1).isqrt() + 1;
     let values = spherical_harmonics(direction, degrees);
@@ -217,7 +216,8 @@ mod tests {
     use super::*;
     use crate::math::towards;
 
-    /// Products of two harmonics integrate to 1 or 0, and opposite octants are opposite.
+    /// Products of two harmonics integrate to 1 or 0, and the signs of opposite octants are
+    /// opposite.
     #[test]
     fn ordinates_integrate_products_of_harmonics() {
         for zenith_angles in [4, 8, 12] {
@@ -246,7 +246,7 @@ mod tests {
         }
     }
 
-    /// Polynomials of even degree and the flux through a plane, by what they integrate to.
+    /// The rule integrates polynomials of even degree, and the flux through a plane, exactly.
     #[test]
     fn zenith_angles_integrate_polynomials_and_the_flux() {
         for points in (4..=32).step_by(4) {

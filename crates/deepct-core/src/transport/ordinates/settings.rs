@@ -1,28 +1,31 @@
-//! The settings of the deterministic solver.
+//! Settings of the discrete-ordinates solver.
 
 use super::lattice::MOST_PARTS;
 use crate::error::{Error, Result};
 
-/// Settings of the deterministic solver.
+/// Settings of the discrete-ordinates solver.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct OrdinatesSettings {
-    /// Number of zenith angles of the ordinates, a multiple of 4; there are twice as many
-    /// azimuths.
+    /// Number of zenith angles of the ordinates, a multiple of 4; the number of azimuths is twice
+    /// as large.
     pub zenith_angles: usize,
-    /// The iteration ends when a sweep changes the radiance by less than this share.
+    /// The iteration ends when a sweep changes the radiance by less than this relative amount.
     pub tolerance: f64,
-    /// The most sweeps of one solution.
+    /// Maximum number of sweeps of one solution.
     pub most_sweeps: usize,
-    /// The least number of rays of a pixel as wide as a voxel; there are more in wider ones.
+    /// Minimum number of rays per pixel; pixels wider than a voxel have more.
     pub rays_per_pixel: usize,
-    /// Each voxel is split until none of its cells is thicker than this along an axis (optical
-    /// depth without the forward peak).
+    /// Largest delta-M scaled optical depth of a cell along an axis: voxels are split until no cell
+    /// exceeds it.
     pub cell_depth: f64,
-    /// The most cells that a voxel is split into along an axis, at most 8.
+    /// Maximum number of cells into which a voxel is split along an axis, at most 8.
     pub most_parts: usize,
-    /// The least extinction (1/km) that each voxel is prepared for; without one, that which the
-    /// voxel has in the scene.
+    /// Smallest extinction (1/km) for which each voxel is prepared; if `None`, each voxel is
+    /// prepared for its extinction in the scene.
     pub largest_extinction: Option<f64>,
+    /// Whether [`render`](crate::transport::render) also estimates the error of its images, from a
+    /// coarser solution.
+    pub estimate_error: bool,
 }
 
 impl Default for OrdinatesSettings {
@@ -35,16 +38,18 @@ impl Default for OrdinatesSettings {
             cell_depth: 0.5,
             most_parts: 4,
             largest_extinction: None,
+            estimate_error: false,
         }
     }
 }
 
 impl OrdinatesSettings {
-    /// Settings for about a relative error of the bright pixels of single clouds:
-    /// `docs/deterministic_solver.md` has what was measured. 0.01 and what is near it are the defaults.
+    /// Settings for an approximate relative error of the bright pixels of single clouds;
+    /// `docs/deterministic_solver.md` lists the measured errors. For 0.01 and similar values they
+    /// are the defaults.
     ///
     /// # Errors
-    /// An accuracy outside 0.003 to 0.1.
+    /// Fails if `accuracy` is not from 0.003 to 0.1.
     pub fn with_accuracy(accuracy: f64) -> Result<Self> {
         if !(0.003..=0.1).contains(&accuracy) {
             return Err(Error::out_of_range("accuracy", accuracy, "from 0.003 to 0.1"));
@@ -62,6 +67,20 @@ impl OrdinatesSettings {
                 rays_per_pixel: 34,
                 ..settings
             }
+        })
+    }
+
+    /// Settings of a coarser solution: fewer ordinates, cells of twice the optical depth and fewer
+    /// rays; `None` if there is no coarser solution. The images of both solutions differ by about
+    /// five times the error of the finer one: see `docs/deterministic_solver.md`, "The estimated
+    /// error".
+    pub(in crate::transport) fn coarser(&self) -> Option<Self> {
+        (self.zenith_angles >= 8).then(|| Self {
+            zenith_angles: self.zenith_angles / 8 * 4,
+            cell_depth: 2.0 * self.cell_depth,
+            rays_per_pixel: (2 * self.rays_per_pixel / 5).max(1),
+            tolerance: self.tolerance.max(1e-3),
+            ..*self
         })
     }
 

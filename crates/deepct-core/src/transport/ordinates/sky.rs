@@ -1,11 +1,13 @@
-//! Clear air above the surface, under the Sun: what it scatters, once and again.
+//! Clear molecular atmosphere above the surface, illuminated by the Sun: single and multiple
+//! scattering.
 //!
-//! Light that was scattered once is known in closed form. The second Legendre moment is the last of
-//! molecules, so the source of what is scattered more often, or comes from the surface, is known by
-//! four numbers at each altitude: the mean and the coefficients of the associated Legendre
-//! polynomials of degree 2 and orders 0, 1 and 2, the latter times the cosine of the azimuth from
-//! the Sun and of twice that. They are found order by order of scattering (van de Hulst 1980,
-//! "Multiple light scattering", chapter 4).
+//! Singly scattered light is known in closed form. The second Legendre moment is the last one of
+//! molecules, so four numbers at each altitude describe the source of light that is scattered more
+//! often or comes from the surface: the mean, and the coefficients of the associated Legendre
+//! polynomials of degree 2 and orders 0, 1 and 2. The polynomials of orders 1 and 2 are multiplied
+//! by the cosine of the azimuth from the Sun and of twice this azimuth, respectively. The source is
+//! computed by successive orders of scattering (van de Hulst 1980, "Multiple light scattering",
+//! chapter 4).
 
 use super::beam::THREE;
 use super::quadrature::gauss_legendre;
@@ -14,36 +16,37 @@ use crate::scene::Scene;
 use crate::transport::air_column::AirColumn;
 use std::f64::consts::PI;
 
-/// Terms of the source.
+/// Number of terms of the source.
 const TERMS: usize = 4;
-/// Levels of the source.
+/// Number of levels of the source.
 const LEVELS: usize = 33;
-/// Zenith angles, up and down together.
+/// Number of zenith angles, upwards and downwards together.
 const ZENITH_ANGLES: usize = 32;
-/// The orders end when one changes the source by less than this share.
+/// The iteration ends when an order of scattering changes the source by less than this relative
+/// amount.
 const TOLERANCE: f64 = 1e-5;
-/// The most orders.
+/// Maximum number of orders.
 const MOST_ORDERS: usize = 200;
 
-/// The air without a cloud, for a Sun of unit irradiance.
+/// The molecular atmosphere without a cloud, for a Sun of unit irradiance.
 #[derive(Debug)]
 pub(super) struct Sky {
     air: AirColumn,
-    /// Towards the Sun.
+    /// Direction towards the Sun.
     sun: DVec3,
-    /// Optical depth of all air.
+    /// Optical depth of the whole molecular atmosphere.
     depth: f64,
     /// Second Legendre moment of the phase function.
     second: f64,
-    /// Source of light that was scattered or reflected before, at equal steps of depth from
+    /// Source of light that was scattered or reflected before, at equal steps of optical depth from
     /// the top: the mean, and the coefficients of the polynomials of degree 2 by order.
     source: Vec<[f64; TERMS]>,
-    /// Irradiance of the surface by the air.
+    /// Irradiance of the surface by the molecular atmosphere.
     pub(super) irradiance: f64,
 }
 
 impl Sky {
-    /// The air of a scene, above its surface.
+    /// Molecular atmosphere of a scene, above its surface.
     pub(super) fn new(scene: &Scene) -> Self {
         let air = AirColumn::new(scene.air.as_ref(), scene.surface.altitude);
         let depth = air.optical_depth(scene.surface.altitude, f64::INFINITY, 1.0);
@@ -59,36 +62,36 @@ impl Sky {
         sky
     }
 
-    /// Whether there is no air.
+    /// Whether there is no molecular atmosphere.
     pub(super) fn is_empty(&self) -> bool {
         self.air.is_empty()
     }
 
-    /// Optical depth of the air above an altitude (km).
+    /// Optical depth of the molecular atmosphere above an altitude (km).
     pub(super) fn above(&self, altitude: f64) -> f64 {
         self.air.optical_depth(altitude, f64::INFINITY, 1.0)
     }
 
-    /// Transmittance of the air between two points of a ray.
+    /// Transmittance of the molecular atmosphere between two points of a ray.
     pub(super) fn transmittance(&self, ray: &Ray, from: f64, to: f64) -> f64 {
         let [from, to] = [from, to].map(|distance| ray.at(distance).z);
         (-self.air.optical_depth(from, to, ray.direction.z).abs()).exp()
     }
 
-    /// Light that the air throws into a ray, seen from one depth of air above and coming from
-    /// as far as another.
+    /// Radiance that the molecular atmosphere scatters into a ray, seen from a point with the
+    /// optical depth `from` above it; the ray ends where the optical depth above is `to`.
     pub(super) fn light(&self, direction: DVec3, from: f64, to: f64) -> f64 {
         if self.is_empty() || from == to {
             return 0.0;
         }
         let slope = direction.z.abs().max(1e-9);
-        // Sunlight: the integral of exp(-u / sun) exp(-|u - from| / slope) / slope.
+        // Single scattering: the integral of exp(-u / sun) exp(-|u - from| / slope) / slope.
         let density = self.air.phase_function.density(direction.dot(self.sun));
         let (rate, span) = (1.0 / self.sun.z + (to - from).signum() / slope, to - from);
         let x = -rate * span;
         let mean = if x.abs() < 1e-9 { 1.0 } else { x.exp_m1() / x };
         let once = density / slope * (-from / self.sun.z).exp() * span.abs() * mean;
-        // The rest, at points that are spread evenly in what they have still to pass.
+        // Multiple scattering, by Gauss-Legendre quadrature in the transmittance to the observer.
         let seen = -(-span.abs() / slope).exp_m1();
         let functions = self.functions(direction);
         let more = THREE.map(|(place, weight)| {
@@ -99,7 +102,7 @@ impl Sky {
         once + more.iter().sum::<f64>()
     }
 
-    /// What the terms of the source are multiplied with in a direction that is looked in.
+    /// Angular functions of the terms of the source, in a viewing direction.
     fn functions(&self, direction: DVec3) -> [f64; TERMS] {
         let (flat, sun) = (direction.truncate(), self.sun.truncate());
         let lengths = flat.length() * sun.length();
@@ -110,7 +113,7 @@ impl Sky {
         [1.0, second_polynomial(rise), first * cosine, second * double]
     }
 
-    /// The source at a depth, linear between levels.
+    /// Source at an optical depth, interpolated linearly between levels.
     fn source_at(&self, depth: f64) -> [f64; TERMS] {
         let place = (depth / self.depth).clamp(0.0, 1.0) * (LEVELS - 1) as f64;
         let level = (place as usize).min(LEVELS - 2);
@@ -119,7 +122,7 @@ impl Sky {
         std::array::from_fn(|m| (1.0 - part) * before[m] + part * after[m])
     }
 
-    /// Scatter and reflect until nothing changes.
+    /// Iterate scattering and reflection until the source converges.
     fn scatter_on(&mut self, albedo: f64) {
         let step = self.depth / (LEVELS - 1) as f64;
         let angles = half_range();
@@ -135,7 +138,7 @@ impl Sky {
                 let (a, b) = (self.source[level], sunlight[level]);
                 a[0] + b[0] + (a[1] + b[1]) * second_polynomial(cosine)
             };
-            // Integrals of the radiance over the cosine, alone and with the polynomial.
+            // Integrals of the radiance over the cosine, without and with the polynomial.
             let mut moments = vec![[0.0; 2]; LEVELS];
             let mut irradiance = 0.0;
             let mut pass =
@@ -177,8 +180,8 @@ impl Sky {
 }
 
 impl Sky {
-    /// The same for the part of the radiance that goes as the cosine of the azimuth from the Sun,
-    /// or of twice that (`order`): the surface has no part in it.
+    /// The same for the part of the radiance that is proportional to the cosine of the azimuth from
+    /// the Sun (`order` 1) or of twice this azimuth (`order` 2). The surface does not contribute.
     fn scatter_on_in_azimuth(&mut self, order: usize) {
         let step = self.depth / (LEVELS - 1) as f64;
         let angles = half_range();
@@ -204,7 +207,7 @@ impl Sky {
                     }
                 };
             for (cosine, weight) in &angles {
-                // Light on its way down is seen by looking up.
+                // Downward light is seen by looking upwards.
                 pass(*cosine, *weight, &mut (0..LEVELS));
                 pass(-*cosine, *weight, &mut (0..LEVELS).rev());
             }
@@ -222,14 +225,15 @@ impl Sky {
     }
 }
 
-/// Cosines from 0 to 1 and their weights: the radiance jumps at the horizon.
+/// Cosines from 0 to 1 and their weights; the radiance is discontinuous at the horizon.
 fn half_range() -> Vec<(f64, f64)> {
     let rule = gauss_legendre(ZENITH_ANGLES / 2);
     let both = |(x, w): (f64, f64)| [-x, x].map(|x| (0.5 + 0.5 * x, 0.5 * w));
     rule.into_iter().flat_map(both).collect()
 }
 
-/// What a step through a source that is linear along it leaves and adds.
+/// Transmittance of a step, and weights of the source at its near and far end, for a source that is
+/// linear along the step.
 struct Step {
     transmittance: f64,
     near: f64,
@@ -263,7 +267,8 @@ mod tests {
     use crate::scene::{Sun, Surface};
     use crate::transport::{MonteCarloSettings, radiances};
 
-    /// Against photon paths, up and down, near the horizon too, above a bright surface.
+    /// Comparison with the Monte Carlo solver, upwards and downwards, also near the horizon, above
+    /// a bright surface.
     #[test]
     fn the_sky_is_that_of_random_paths() {
         let grid = Grid::new(DVec3::new(0.0, 0.0, 1.0), DVec3::splat(0.1), [2, 2, 2]).unwrap();

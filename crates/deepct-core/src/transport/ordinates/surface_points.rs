@@ -1,8 +1,8 @@
-//! Points of the surface below, where the cloud's shadow and its light are looked at.
+//! Points of the surface at which the cloud's shadow and its light are evaluated.
 
 use crate::math::DVec3;
 
-/// A regular lattice of points on the surface; between periodic sides it has no end.
+/// A regular lattice of points on the surface, infinite between periodic sides.
 #[derive(Debug)]
 pub(super) struct SurfacePoints {
     origin: DVec3,
@@ -13,8 +13,8 @@ pub(super) struct SurfacePoints {
 }
 
 impl SurfacePoints {
-    /// Points that cover a rectangle, about as far from each other as wanted along x and y;
-    /// a periodic lattice has the rectangle as its period.
+    /// Points that cover a rectangle, with approximately the spacing `wanted` along x and y; the
+    /// rectangle is the period of a periodic lattice.
     pub(super) fn new(lower: DVec3, upper: DVec3, wanted: DVec3, periodic: bool) -> Self {
         let steps = ((upper - lower) / wanted).round().max(DVec3::ONE);
         let spacing = DVec3 { z: 0.0, ..(upper - lower) / steps };
@@ -27,18 +27,18 @@ impl SurfacePoints {
         self.rows * self.cols
     }
 
-    /// Area of the surface by point (km2).
+    /// Surface area per point (km2).
     pub(super) fn area(&self) -> f64 {
         self.spacing.x * self.spacing.y
     }
 
-    /// Where a point is (km).
+    /// Position of a point (km).
     pub(super) fn point(&self, number: usize) -> DVec3 {
         let (row, col) = (number / self.cols, number % self.cols);
         self.origin + self.spacing * DVec3::new(col as f64, row as f64, 0.0)
     }
 
-    /// The four points around a place, and their weights; no weight beyond the lattice.
+    /// The four points around a position, and their weights, which are zero beyond the lattice.
     #[inline]
     pub(super) fn around(&self, place: DVec3) -> [(usize, f64); 4] {
         let along = |axis: usize, count: usize| {
@@ -60,14 +60,14 @@ impl SurfacePoints {
             .map(|(row, col)| (rows[row].0 * self.cols + cols[col].0, rows[row].1 * cols[col].1))
     }
 
-    /// A quantity of the points at a place; nothing beyond the lattice.
+    /// Interpolate a quantity given at the points; zero beyond the lattice.
     #[inline]
     pub(super) fn interpolate(&self, values: &[f32], place: DVec3) -> f64 {
         self.around(place).map(|(point, weight)| weight * f64::from(values[point])).iter().sum()
     }
 
-    /// A quarter of the values of both neighbours and half of the own one, along both axes: nothing
-    /// comes from beyond the lattice.
+    /// Average the values along both axes with weights of 1/4, 1/2 and 1/4; values beyond the
+    /// lattice are zero.
     pub(super) fn blurred<T: Copy + Into<f64>>(&self, values: &[T]) -> Vec<f64> {
         let mut blurred: Vec<f64> = values.iter().map(|value| (*value).into()).collect();
         for (count, stride) in [(self.cols, 1), (self.rows, self.cols)] {
@@ -96,7 +96,7 @@ impl SurfacePoints {
     }
 }
 
-/// The four points around a place, and their weights, kept for when they are needed again.
+/// The four points around a position and their weights, stored for repeated use.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Corners {
     points: [u32; 4],
@@ -112,7 +112,7 @@ impl Corners {
         }
     }
 
-    /// A quantity of the points at the place.
+    /// Interpolate a quantity given at the points.
     #[inline]
     pub(super) fn interpolate(&self, values: &[f32]) -> f32 {
         self.points.iter().zip(self.weights).map(|(i, w)| w * values[*i as usize]).sum()

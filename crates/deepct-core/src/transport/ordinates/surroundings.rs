@@ -1,11 +1,11 @@
-//! What comes from outside of the cells: sunlight, from the air and from the surface, and
-//! the cloud's own light that the surface throws back.
+//! Radiance that enters the cells from outside: sunlight scattered by the molecular atmosphere or
+//! reflected by the surface, and light from the cloud that the surface reflects back.
 //!
-//! The surface lies in the cloud's shadow and in its light. The latter is an unknown of the
-//! solution ([`super::diffuse`]): what leaves the cells downwards, less what would come
-//! without a cloud, is laid on points of the surface, from where it is reflected into all
-//! directions alike. Both ways have the same weights, so that either is the transpose of
-//! the other. What the cloud throws on the air around does not come back.
+//! The cloud shadows the surface and illuminates it. The illumination is an unknown of the solution
+//! ([`super::diffuse`]): the radiance that leaves the cells downwards, minus that of the clear
+//! scene, is distributed over points of the surface, from which it is reflected isotropically. Both
+//! operations use the same weights, so that each is the transpose of the other. Light of the cloud
+//! that the surrounding molecular atmosphere would scatter back is neglected.
 
 use super::beam::{PARTS, Rays, add_all};
 use super::lattice::Lattice;
@@ -19,63 +19,68 @@ use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
 
-/// The cloud's light on the surface is blurred by its altitude: points as far apart as this
-/// share of it.
+/// Spacing of the points at which the cloud's light on the surface is evaluated, relative to the
+/// height of the bottom of the grid above the surface, by which this light is blurred.
 const BLUR: f64 = 0.25;
-/// As far beside the cloud as this many times its altitude, its light is looked at.
+/// Margin around the grid in which the cloud's light on the surface is evaluated, relative to the
+/// height of the top of the grid above the surface.
 const REACH: f64 = 2.0;
 
-/// Distance of the points where the shadow is looked at, over that of the voxels.
+/// Spacing of the points at which the shadow is evaluated, relative to that of the voxels.
 const SHADOW_STEP: f64 = 0.25;
-/// Vertical components at which the light of the air is looked at for an ordinate.
+/// Number of vertical direction components at which the light of the molecular atmosphere is
+/// evaluated for an ordinate.
 const BIN_NODES: usize = 6;
 
-/// Air and surface under the Sun.
+/// Molecular atmosphere and surface, illuminated by the Sun.
 #[derive(Debug)]
 pub(super) struct Surroundings {
     sky: Sky,
     surface: Surface,
-    /// Towards the Sun.
+    /// Direction towards the Sun.
     sun: DVec3,
-    /// Where the cloud's shadow is looked at, and where its light is.
+    /// Points at which the cloud's shadow, and its light, are evaluated.
     shadow: SurfacePoints,
     lit: SurfacePoints,
-    /// By octant, [`number`]: what the air sends in through each face, in the order of
-    /// [`each_face`], and where the rest comes from, where light rises.
+    /// By octant, [`number`]: radiance that enters from the molecular atmosphere through each face,
+    /// in the order of [`each_face`], and, for upward octants, the points of the surface from which
+    /// the rest comes.
     air: [Vec<f32>; 8],
     feet: [Vec<SurfaceHit>; 8],
-    /// Irradiance of the surface by the air, that the cells leave to be subtracted.
+    /// Minus the irradiance of the surface by the clear sky behind the cells.
     unclouded: Vec<f32>,
 }
 
-/// What a cloud does to the surface.
+/// Effect of a cloud on the surface.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct OnSurface<'a> {
-    /// Share of the sunlight that it takes away.
+    /// Share of the direct sunlight that it blocks.
     pub(super) shade: &'a [f32],
     /// Irradiance that it adds.
     pub(super) irradiance: &'a [f32],
 }
 
-/// Derivatives by what a cloud does to the surface.
+/// Derivatives with respect to the effect of a cloud on the surface.
 #[derive(Debug, Clone)]
 pub(super) struct BySurface {
     pub(super) shade: Vec<f64>,
     pub(super) irradiance: Vec<f64>,
 }
 
-/// Light that comes along a ray from outside, for a Sun of unit irradiance.
+/// Radiance that arrives along a ray from outside, for a Sun of unit irradiance.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Outside {
-    /// From the air, and of the air from the surface.
+    /// Light of the molecular atmosphere, including that reflected by the surface.
     air: f64,
-    /// Sunlight from the surface, through the air: in the cloud's shadow, and without a cloud.
+    /// Sunlight reflected by the surface and attenuated by the molecular atmosphere: in the shadow
+    /// of the cloud, and without a cloud.
     sunlight: f64,
     unshaded: f64,
-    /// Light of the cloud from the surface, and the share of its irradiance that is seen.
+    /// Light of the cloud reflected by the surface, and its ratio to the irradiance of the surface
+    /// by the cloud.
     cloud: f64,
     share: f64,
-    /// Where on the surface.
+    /// Position on the surface.
     foot: DVec3,
 }
 
@@ -109,33 +114,33 @@ impl Surroundings {
         surroundings
     }
 
-    /// Whether nothing comes from outside.
+    /// Whether no light enters from outside.
     pub(super) fn is_dark(&self) -> bool {
         self.sky.is_empty() && self.surface.is_black()
     }
 
-    /// Whether there is air.
+    /// Whether there is a molecular atmosphere.
     pub(super) fn has_air(&self) -> bool {
         !self.sky.is_empty()
     }
 
-    /// Number of points where the cloud's light falls on the surface; none where that does
-    /// not reflect it.
+    /// Number of points at which the cloud's light on the surface is evaluated; 0 if the surface
+    /// does not reflect it.
     pub(super) fn lit_points(&self) -> usize {
         if self.surface.albedo == 0.0 { 0 } else { self.lit.len() }
     }
 
-    /// Optical depth of the air on the way to the Sun.
+    /// Optical depth of the molecular atmosphere towards the Sun, from an altitude (km).
     pub(super) fn sun_depth(&self, altitude: f64) -> f64 {
         self.sky.above(altitude) / self.sun.z
     }
 
-    /// Transmittance of the air between two points of a ray.
+    /// Transmittance of the molecular atmosphere between two points of a ray.
     pub(super) fn transmittance(&self, ray: &Ray, from: f64, to: f64) -> f64 {
         self.sky.transmittance(ray, from, to)
     }
 
-    /// The share of the sunlight that the cloud takes from each point of the surface.
+    /// Share of the direct sunlight that the cloud blocks at each point of the surface.
     pub(super) fn shade(&self, rays: &Rays) -> Vec<f32> {
         if self.surface.is_black() {
             return Vec::new();
@@ -146,7 +151,7 @@ impl Surroundings {
         (0..self.shadow.len()).into_par_iter().map(shade).collect()
     }
 
-    /// The transpose of the derivative of [`Surroundings::shade`], where that is `shade`.
+    /// Transpose of the derivative of [`Surroundings::shade`] at the values `shade`.
     pub(super) fn spread_shade(
         &self,
         rays: &Rays,
@@ -168,13 +173,13 @@ impl Surroundings {
         add_all(into, &parts);
     }
 
-    /// The shade as the faces of voxels see it, which are wider than the points are apart: the mean
-    /// around each point. It is its own transpose.
+    /// Average the shade around each point, because the faces of voxels are wider than the spacing
+    /// of the points. This operation is its own transpose.
     pub(super) fn blurred<T: Copy + Into<f64>>(&self, shade: &[T]) -> Vec<f64> {
         self.shadow.blurred(shade)
     }
 
-    /// What a ray sees that meets no more cloud.
+    /// Radiance from outside along a ray that meets no further cloud.
     pub(super) fn outside(&self, ray: &Ray, on_surface: OnSurface) -> Outside {
         let mut outside = self.unclouded_outside(ray);
         if outside.unshaded != 0.0 {
@@ -187,7 +192,7 @@ impl Surroundings {
         outside
     }
 
-    /// What a ray would see without a cloud.
+    /// Radiance along a ray without a cloud.
     fn unclouded_outside(&self, ray: &Ray) -> Outside {
         let rise = ray.direction.z;
         let above = self.sky.above(ray.origin.z);
@@ -215,7 +220,8 @@ impl Surroundings {
         }
     }
 
-    /// Add what follows from the derivative by what comes from outside.
+    /// Add the derivatives with respect to the effect of the cloud on the surface, where `value` is
+    /// the derivative with respect to the radiance from outside.
     pub(super) fn spread(&self, outside: &Outside, value: f64, into: &mut BySurface) {
         if outside.unshaded != 0.0 {
             self.shadow.spread(&mut into.shade, outside.foot, -value * outside.unshaded);
@@ -225,14 +231,14 @@ impl Surroundings {
         }
     }
 
-    /// Light that the air before a point of a ray throws into it.
+    /// Radiance that the molecular atmosphere in front of a point of a ray scatters into it.
     pub(super) fn before(&self, ray: &Ray, end: f64) -> f64 {
         let [from, to] = [ray.origin.z, ray.at(end).z].map(|altitude| self.sky.above(altitude));
         self.sky.light(ray.direction, from, to)
     }
 
-    /// What comes in through the faces of the grid in an octant, seen from their middles,
-    /// but for the cloud's own light.
+    /// Radiance that enters through the faces of the grid in an octant, evaluated at their centres,
+    /// without the light of the cloud that the surface reflects.
     pub(super) fn incoming(
         &self,
         lattice: &Lattice,
@@ -243,15 +249,15 @@ impl Surroundings {
         let mut air = self.air[number(octant)].iter();
         let mut feet = self.feet[number(octant)].iter();
         each_face(lattice, octant, |place, _| {
-            let air = air.next().expect("light of the air for each face and ordinate");
+            let air = air.next().expect("one value for each face and ordinate");
             let sunlight = feet.next().map_or(0.0, |foot| foot.sunlight(blurred_shade));
             *place.mean(&mut faces, octant) = air + sunlight;
         });
         faces
     }
 
-    /// The transpose of the derivative of [`Surroundings::incoming`] by the blurred shade, from the
-    /// adjoint radiance that leaves through the same faces.
+    /// Transpose of the derivative of [`Surroundings::incoming`] with respect to the blurred shade,
+    /// applied to the adjoint radiance that leaves through the same faces.
     pub(super) fn spread_incoming(
         &self,
         lattice: &Lattice,
@@ -270,8 +276,8 @@ impl Surroundings {
         });
     }
 
-    /// Add the cloud's light that the surface reflects to what comes in through the faces in
-    /// an octant, from the irradiance by it.
+    /// Add the light of the cloud that the surface reflects, given the irradiance by the cloud, to
+    /// the radiance that enters through the faces in an octant.
     pub(super) fn add_reflected(
         &self,
         lattice: &Lattice,
@@ -284,13 +290,13 @@ impl Surroundings {
         }
         let mut feet = self.feet[number(octant)].iter();
         each_face(lattice, octant, |place, _| {
-            let foot = feet.next().expect("a foot for each face and ordinate");
+            let foot = feet.next().expect("a surface point for each face and ordinate");
             *place.mean(faces, octant) += foot.share * foot.lit.interpolate(irradiance);
         });
     }
 
-    /// Add the irradiance of the surface by what leaves the faces in an octant, of which
-    /// `opposite` is the opposite one.
+    /// Add the irradiance of the surface by the radiance that leaves the faces in an octant, to
+    /// which `opposite` is the opposite octant.
     pub(super) fn add_irradiance(
         &self,
         lattice: &Lattice,
@@ -306,7 +312,7 @@ impl Surroundings {
         let mut feet = self.feet[number(opposite)].iter();
         each_face(lattice, opposite, |place, _| {
             let FacePlace { axis, ordinate, .. } = place;
-            let foot = feet.next().expect("a foot for each face and ordinate");
+            let foot = feet.next().expect("a surface point for each face and ordinate");
             let cosine = f64::from(opposite.cosines[axis][ordinate]);
             let section = cosine * volume / spacing[axis] / self.lit.area();
             let radiance = f64::from(*place.mean(leaving, opposite) * opposite.weights[ordinate]);
@@ -315,20 +321,21 @@ impl Surroundings {
         });
     }
 
-    /// The irradiance that acts on an adjoint radiance as a derivative by irradiance does.
+    /// Convert a derivative with respect to the irradiance into the irradiance whose reflection is
+    /// the corresponding adjoint radiance.
     pub(super) fn as_irradiance(&self, lattice: &Lattice, by_irradiance: &[f64]) -> Vec<f32> {
         let spacing = lattice.grid.spacing;
         let share = PI / self.surface.albedo * spacing.x * spacing.y * spacing.z / self.lit.area();
         by_irradiance.iter().map(|value| (share * value) as f32).collect()
     }
 
-    /// The irradiance to start from: what the cells take from the surface by being looked at
-    /// from below, where no cloud is.
+    /// Constant term of the irradiance by the cloud: minus the clear-sky irradiance that would
+    /// reach the surface through the cells.
     pub(super) fn start(&self) -> &[f32] {
         &self.unclouded
     }
 
-    /// Minus the irradiance by the sky behind the cells.
+    /// Minus the irradiance by the clear sky behind the cells.
     fn unclouded(&self, lattice: &Lattice, quadrature: &Quadrature) -> Vec<f32> {
         let mut sum = vec![0.0; self.lit_points()];
         if !sum.is_empty() && !self.sky.is_empty() {
@@ -353,10 +360,11 @@ impl Surroundings {
         sum.into_iter().map(|value| value as f32).collect()
     }
 
-    /// What the air sends in through each face in an octant, and where the rest comes from.
+    /// Radiance that enters from the molecular atmosphere through each face in an octant, and the
+    /// points of the surface from which the rest comes.
     fn through_faces(&self, lattice: &Lattice, octant: &Octant) -> (Vec<f32>, Vec<SurfaceHit>) {
         let (mut air, mut feet) = (Vec::new(), Vec::new());
-        // All but the place on the surface depends on altitude and ordinate alone.
+        // All quantities except the position on the surface depend only on altitude and ordinate.
         let mut levels: BTreeMap<(u64, usize), Outside> = BTreeMap::new();
         each_face(lattice, octant, |FacePlace { ordinate, .. }, ray| {
             let key = (ray.origin.z.to_bits(), ordinate);
@@ -378,8 +386,8 @@ impl Surroundings {
         (air, feet)
     }
 
-    /// The mean light of the air in the vertical components that an ordinate stands for: it
-    /// grows towards the horizon, and few ordinates are near that.
+    /// Light of the molecular atmosphere, averaged over the vertical components that an ordinate
+    /// represents: the light increases towards the horizon, near which there are few ordinates.
     fn air_of_bin(&self, ray: &Ray, [low, high]: [f64; 2]) -> f64 {
         if self.sky.is_empty() {
             return self.unclouded_outside(ray).air;
@@ -401,19 +409,19 @@ impl Surroundings {
     }
 }
 
-/// The place on the surface that a ray through a face comes from, and what comes from there.
+/// Point of the surface from which a ray through a face comes, and the light from there.
 #[derive(Debug, Clone, Copy)]
 struct SurfaceHit {
-    /// Sunlight where no cloud shades it.
+    /// Reflected sunlight without the shadow of a cloud.
     unshaded: f32,
-    /// Share of the cloud's irradiance that arrives as radiance.
+    /// Ratio of the radiance that arrives to the irradiance of the surface by the cloud.
     share: f32,
     shadow: Corners,
     lit: Corners,
 }
 
 impl SurfaceHit {
-    /// Sunlight in the shadow of a cloud.
+    /// Reflected sunlight in the shadow of a cloud.
     #[inline]
     fn sunlight(&self, blurred_shade: &[f32]) -> f32 {
         if self.unshaded == 0.0 {
@@ -423,13 +431,13 @@ impl SurfaceHit {
     }
 }
 
-/// The number of an octant by the signs of its directions.
+/// Index of an octant, from the signs of its directions.
 fn number(octant: &Octant) -> usize {
     let [east, north, up] = octant.signs.map(|sign| usize::from(sign > 0.0));
     east + 2 * north + 4 * up
 }
 
-/// A face of the grid, and a direction.
+/// A face of the grid, and an ordinate.
 #[derive(Debug, Clone, Copy)]
 struct FacePlace {
     axis: usize,
@@ -438,7 +446,7 @@ struct FacePlace {
 }
 
 impl FacePlace {
-    /// The mean radiance through the face in the direction.
+    /// Mean radiance through the face in the direction of the ordinate.
     #[inline]
     fn mean<'a>(&self, faces: &'a mut Faces, octant: &Octant) -> &'a mut f32 {
         let values = match self.axis {
@@ -450,8 +458,8 @@ impl FacePlace {
     }
 }
 
-/// Call for each face that the light of an octant comes in through, and each ordinate, with
-/// the ray that looks out.
+/// Run `call` for each ordinate and each face through which the light of an octant enters, with the
+/// ray from the face outwards, opposite to the light.
 fn each_face(lattice: &Lattice, octant: &Octant, mut call: impl FnMut(FacePlace, Ray)) {
     let (grid, signs) = (&lattice.grid, octant.signs.map(f64::from));
     let [nz, ny, nx] = grid.shape;
@@ -477,7 +485,7 @@ fn each_face(lattice: &Lattice, octant: &Octant, mut call: impl FnMut(FacePlace,
     }
 }
 
-/// Points denser than the voxels, wherever the grid throws a shadow.
+/// Points denser than the voxels, wherever the grid may shade the surface.
 fn shadow_points(lattice: &Lattice, sun: DVec3, altitude: f64) -> SurfacePoints {
     let grid = &lattice.grid;
     let periodic = lattice.boundary == Boundary::Periodic;
@@ -492,7 +500,7 @@ fn shadow_points(lattice: &Lattice, sun: DVec3, altitude: f64) -> SurfacePoints 
     SurfacePoints::new(lower, upper, SHADOW_STEP * grid.spacing, periodic)
 }
 
-/// Points below and around the grid, as dense as what falls there can be told apart.
+/// Points below and around the grid, spaced according to the resolution of the light there.
 fn lit_points(lattice: &Lattice, altitude: f64) -> SurfacePoints {
     let grid = &lattice.grid;
     let periodic = lattice.boundary == Boundary::Periodic;

@@ -1,15 +1,16 @@
-//! The sweep: radiance in all directions of an octant, cell by cell in the direction of
-//! light.
+//! Sweep: the radiance in all directions of an octant, computed cell by cell in the direction of
+//! propagation.
 //!
-//! In a cell the radiance of an ordinate is a linear function, `I_0 + sqrt(3) (I_1 x +
-//! I_2 y + I_3 z)` with coordinates from -1 to 1, and the transfer equation holds for its
-//! mean and its first moments: the linear discontinuous finite element method (Adams 2001,
-//! "Discontinuous finite element transport solutions in thick diffusive problems"). The
-//! mean makes it conserve energy whatever the optical depth of a cell. The equations of
-//! direction `-n` are the transpose of those of `n`, which the gradient lives on.
+//! In a cell the radiance of an ordinate is a linear function,
+//! `I_0 + sqrt(3) (I_1 x + I_2 y + I_3 z)` with coordinates from -1 to 1, and the transfer equation
+//! holds for its mean and its first moments: the linear discontinuous finite element method (Adams
+//! 2001, "Discontinuous finite element transport solutions in thick diffusive problems"). The
+//! equation for the mean conserves energy for any optical depth of a cell. The equations of
+//! direction `-n` are the transpose of those of `n`, on which the gradient relies.
 //!
-//! Thick voxels are split into cells, each as many as it needs; empty ones are not. Between voxels
-//! of other parts radiance is projected from the cells of one on those of the other.
+//! Optically thick voxels are split into as many cells as each of them requires; empty voxels are
+//! not split. Between voxels with different numbers of parts, the radiance is projected from the
+//! cells of one onto those of the other.
 
 use super::lattice::{Active, Lattice, MOST_PARTS};
 use super::quadrature::Octant;
@@ -17,21 +18,20 @@ use crate::math::with_vectors;
 use pulp::{Simd, WithSimd};
 use std::sync::LazyLock;
 
-/// Radiance that enters or leaves through faces of the grid in the ordinates of an octant:
-/// mean and the slopes along the two axes of the face, `[3][ordinate]` for each face of a
-/// voxel.
+/// Radiance that enters or leaves through the faces of the grid in the ordinates of an octant: mean
+/// and slopes along the two axes of the face, `[3][ordinate]` for each face of a voxel.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(super) struct Faces {
-    /// Through the sides across x, `[z][y]`.
+    /// Through the sides normal to x, `[z][y]`.
     pub(super) x: Vec<f32>,
-    /// Through the sides across y, `[z][x]`.
+    /// Through the sides normal to y, `[z][x]`.
     pub(super) y: Vec<f32>,
     /// Through the top or bottom, `[y][x]`.
     pub(super) z: Vec<f32>,
 }
 
 impl Faces {
-    /// No radiance.
+    /// Zero radiance.
     pub(super) fn dark(lattice: &Lattice, octant: &Octant) -> Self {
         let [nz, ny, nx] = lattice.grid.shape;
         let face = 3 * octant.ordinates;
@@ -43,7 +43,7 @@ impl Faces {
     }
 }
 
-/// What a sweep goes through.
+/// The medium through which radiance is swept.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Medium<'a> {
     /// The cells.
@@ -52,15 +52,16 @@ pub(super) struct Medium<'a> {
     pub(super) extinction: &'a [[f32; 4]],
 }
 
-/// What is done with the radiance of an active cell.
+/// Operation on the radiance of each active cell.
 pub(super) trait Visit {
-    /// `radiance` is `[4][ordinate]`: mean and slopes.
+    /// Process the radiance of a cell, `[4][ordinate]`: mean and slopes.
     fn cell<S: Simd>(&mut self, simd: S, octant: &Octant, slot: usize, radiance: &[f32]);
 }
 
-/// Sweep octants whose light goes the same way along y and z, row of cells by row: what a row
-/// holds is then in the cache for all of them. `source` is `[slot][4][harmonic]`; with each
-/// octant comes what flows in through the faces and, after the call, what flows out.
+/// Sweep octants with the same direction of propagation along y and z, one row of cells after
+/// another, so that the data of a row are in the cache for all of them. `source` is
+/// `[slot][4][harmonic]`. The [`Faces`] of each octant contain the radiance that flows in and,
+/// after the call, the radiance that flows out.
 pub(super) fn sweep<V: Visit>(
     medium: Medium,
     octants: &mut [(&Octant, Faces)],
@@ -129,18 +130,18 @@ impl<V: Visit> WithSimd for Sweep<'_, '_, V> {
     }
 }
 
-/// The light of an octant between voxels, as far as the sweep has come.
+/// Radiance of an octant between voxels, at the current position of the sweep.
 struct Wave<S: Simd> {
-    /// Of the next voxel in the row.
+    /// Entering the next voxel of the row.
     x: Patch,
-    /// Of the next row in the level, by column.
+    /// Entering the next row of the level, by column.
     y: Vec<Patch>,
-    /// Of the next level, by row and column.
+    /// Entering the next level, by row and column.
     z: Vec<Patch>,
-    /// By number of parts of a voxel; that of whole ones serves empty voxels.
+    /// By number of parts of a voxel; the constants of unsplit voxels also serve empty voxels.
     constants: Vec<Option<Constants<S>>>,
     scratch: Vec<f32>,
-    /// Source and radiance of a cell.
+    /// Workspace for the source and the radiance of a cell.
     room: Vec<f32>,
 }
 
@@ -171,7 +172,7 @@ impl<S: Simd> Wave<S> {
     }
 }
 
-/// Radiance through a face of a voxel, cell by cell: mean and the slopes along columns and rows,
+/// Radiance through a face of a voxel, cell by cell: mean and slopes along columns and rows,
 /// `[row][col][3][ordinate]`.
 #[derive(Debug, Default)]
 struct Patch {
@@ -180,7 +181,7 @@ struct Patch {
 }
 
 impl Patch {
-    /// Become a face of one cell.
+    /// Set to a face of a single cell.
     #[inline(always)]
     fn set(&mut self, values: &[f32]) {
         self.parts = 1;
@@ -188,8 +189,9 @@ impl Patch {
         self.values.extend_from_slice(values);
     }
 
-    /// The values by the cells of a voxel of so many parts, behind the face across `axis`: the
-    /// projection, which keeps the flux, and whose transpose is that of the way back.
+    /// Project the values onto the cells of a voxel with `parts` parts, behind the face normal to
+    /// `axis`. The projection conserves the flux, and its transpose is the projection in the
+    /// opposite direction.
     #[inline(always)]
     fn of_parts(
         &mut self,
@@ -233,8 +235,8 @@ impl Patch {
     }
 }
 
-/// What a cell of one partition of an edge takes from a cell of another one: by moment of the
-/// former, mean and slope, and of the latter.
+/// Contribution of cell `of` of one partition of an edge to cell `into` of another one. `weights`
+/// are indexed by moment (mean, slope) of the latter, then of the former.
 #[derive(Debug, Clone, Copy)]
 struct Overlap {
     into: usize,
@@ -242,8 +244,8 @@ struct Overlap {
     weights: [[f32; 2]; 2],
 }
 
-/// The projection of functions that are linear in each of `from` equal parts of an edge on those
-/// linear in each of `to` parts.
+/// Projection of functions that are linear in each of `from` equal parts of an edge onto functions
+/// that are linear in each of `to` parts.
 fn projection(from: usize, to: usize) -> &'static [Overlap] {
     static TABLES: LazyLock<Vec<Vec<Overlap>>> = LazyLock::new(|| {
         let pairs = (0..MOST_PARTS).flat_map(|a| (0..MOST_PARTS).map(move |b| (a + 1, b + 1)));
@@ -262,7 +264,7 @@ fn overlaps(from: usize, to: usize) -> Vec<Overlap> {
             if high - low < 1e-9 {
                 continue;
             }
-            // Products of linear functions by two Gauss points.
+            // Integrals of products of linear functions, by the two-point Gauss rule.
             let mut weights = [[0.0; 2]; 2];
             for side in [-1.0, 1.0] {
                 let x = 0.5 * (low + high) + side * 0.5 * (high - low) / 3.0_f64.sqrt();
@@ -305,7 +307,7 @@ impl Row<'_> {
             let i = if octant.signs[0] > 0.0 { step_x } else { nx - 1 - step_x };
             let active = lattice.at((k * ny + j) * nx + i);
             let parts = active.map_or(1, |active| active.parts);
-            let constants = constants[parts as usize].as_ref().expect("made for all that are used");
+            let constants = constants[parts as usize].as_ref().expect("exists for all used parts");
             let x = x.of_parts(parts, lattice, 0, n, scratch);
             let y = y[i].of_parts(parts, lattice, 1, n, scratch);
             let z = z[j * nx + i].of_parts(parts, lattice, 2, n, scratch);
@@ -316,7 +318,7 @@ impl Row<'_> {
         }
     }
 
-    /// The cells of an active voxel.
+    /// Sweep the cells of an active voxel.
     #[inline(always)]
     fn voxel<S: Simd, V: Visit>(
         &self,
@@ -358,14 +360,14 @@ impl Row<'_> {
     }
 }
 
-/// What all cells of a size have in common, a vector of ordinates after the other.
+/// Coefficients shared by all cells of one size, one vector of ordinates after another.
 struct Constants<S: Simd> {
     vectors: usize,
-    /// Cosine over cell size along each axis (1/km).
+    /// Direction cosine over cell size along each axis (1/km).
     streaming: [Vec<S::f32s>; 3],
     /// The same times `sqrt(3)` and the sign of the direction.
     slanted: [Vec<S::f32s>; 3],
-    /// Outgoing mean and slopes by incoming ones, in an empty cell.
+    /// Inverse pivots of the equations of an empty cell: mean and slopes.
     empty_inverse: [Vec<S::f32s>; 4],
     edge: [S::f32s; 3],
 }
@@ -403,7 +405,7 @@ impl<S: Simd> Constants<S> {
         Self { vectors, streaming, slanted, empty_inverse, edge }
     }
 
-    /// The moments of the light that comes in through the faces.
+    /// Moments of the light that enters through the faces.
     #[inline(always)]
     fn incoming(&self, simd: S, v: usize, [x, y, z]: [&[S::f32s]; 3]) -> [S::f32s; 4] {
         let n = self.vectors;
@@ -421,7 +423,7 @@ impl<S: Simd> Constants<S> {
         ]
     }
 
-    /// Write what flows out of a cell of the given radiance.
+    /// Write the radiance that leaves a cell of the given radiance.
     #[inline(always)]
     fn outgoing(
         &self,
@@ -437,8 +439,8 @@ impl<S: Simd> Constants<S> {
         (z[v], z[n + v], z[2 * n + v]) = (edge(2, k), i, j);
     }
 
-    /// A cell with a medium in it. The four equations are solved by elimination of the
-    /// slopes, which meet each other only in the mean.
+    /// Solve an active cell. The four equations are solved by elimination of the slopes, which are
+    /// coupled only through the mean.
     #[inline(always)]
     fn solve(
         &self,
@@ -488,7 +490,7 @@ impl<S: Simd> Constants<S> {
         }
     }
 
-    /// A cell with nothing in it.
+    /// Solve an empty cell.
     #[inline(always)]
     fn empty(&self, simd: S, faces: [&mut [f32]; 3]) {
         let [x, y, z] = faces;
@@ -519,7 +521,7 @@ fn sum<S: Simd>(simd: S, [a, b, c]: [S::f32s; 3]) -> S::f32s {
     simd.add_f32s(a, simd.add_f32s(b, c))
 }
 
-/// `[4][harmonic]` to `[4][ordinate]`.
+/// Convert `[4][harmonic]` to `[4][ordinate]`.
 #[inline(always)]
 fn to_ordinates<S: Simd>(simd: S, octant: &Octant, moments: &[f32], radiance: &mut [f32]) {
     rows_times_table(simd, moments, &octant.to_ordinates, |index, sum| {
@@ -527,7 +529,7 @@ fn to_ordinates<S: Simd>(simd: S, octant: &Octant, moments: &[f32], radiance: &m
     });
 }
 
-/// Add the moments of a cell's radiance: `[4][ordinate]` to `[4][harmonic]`.
+/// Add the moments of the radiance of a cell: `[4][ordinate]` to `[4][harmonic]`.
 #[inline(always)]
 pub(super) fn add_moments<S: Simd>(
     simd: S,
@@ -541,9 +543,9 @@ pub(super) fn add_moments<S: Simd>(
     });
 }
 
-/// The product of four rows with a table whose rows are whole vectors; `keep` is given each
-/// vector of the result and where it belongs in four rows. Two vectors of all four rows at
-/// a time keep both multipliers of a core busy.
+/// Product of four rows with a table whose rows are whole vectors. `keep` receives the position of
+/// each vector of the result in the four rows, and the vector. Two vectors of all four rows are
+/// processed at a time, which keeps both multipliers of a core busy.
 #[inline(always)]
 fn rows_times_table<S: Simd>(
     simd: S,

@@ -1,4 +1,4 @@
-//! The solver against finite differences of itself.
+//! Tests of the solver against finite differences and the Monte Carlo solver.
 
 use super::*;
 use crate::grid::Grid;
@@ -8,15 +8,15 @@ use crate::optics::{DropletSettings, DropletTable, Interpolation, Medium, PhaseF
 use crate::scene::{Boundary, Sun, Surface, View};
 use crate::transport::{MonteCarloSettings, Solver, render};
 
-/// The solver's tolerance in these tests.
+/// Tolerance of the solver in these tests.
 const TOLERANCE: f64 = 1e-6;
 
-fn grid() -> Grid {
+pub(super) fn grid() -> Grid {
     Grid::new(DVec3::new(0.0, 0.0, 0.6), DVec3::new(0.05, 0.05, 0.04), [4, 5, 6]).unwrap()
 }
 
-/// A lump of cloud, thickest in its middle, uneven.
-fn cloud(peak: f32) -> Volume {
+/// A non-uniform cloud, with the largest extinction in its middle.
+pub(super) fn cloud(peak: f32) -> Volume {
     let grid = grid();
     let values = Array3::from_shape_fn(grid.shape, |(k, j, i)| {
         let at = grid.voxel_center([k, j, i]) - grid.center();
@@ -27,7 +27,11 @@ fn cloud(peak: f32) -> Volume {
     Volume::new(grid, values).unwrap()
 }
 
-fn model(extinction: &Volume, interpolation: Interpolation, boundary: Boundary) -> OrdinatesModel {
+pub(super) fn model(
+    extinction: &Volume,
+    interpolation: Interpolation,
+    boundary: Boundary,
+) -> OrdinatesModel {
     let phase = PhaseFunction::henyey_greenstein(0.85).unwrap();
     let medium = Medium::new(extinction.clone(), 0.98, phase).unwrap();
     let sun = Sun::from_degrees(30.0, 70.0).unwrap();
@@ -49,7 +53,7 @@ fn model(extinction: &Volume, interpolation: Interpolation, boundary: Boundary) 
     OrdinatesModel::new(&scene.with_boundary(boundary), &views, Some(&mask), &settings).unwrap()
 }
 
-/// Weights as a misfit has them: of both signs.
+/// Weights of both signs, as in a misfit.
 fn weights(images: &ViewStack) -> ViewStack {
     let weight = |((v, row, col), _): ((usize, usize, usize), &f32)| {
         ((v * 31 + row * 7 + col * 3) % 11) as f32 / 5.0 - 0.7
@@ -62,8 +66,8 @@ fn weighted(images: &ViewStack, weights: &ViewStack) -> f64 {
     images.values.iter().zip(&weights.values).map(|(a, b)| f64::from(*a) * f64::from(*b)).sum()
 }
 
-/// The derivative in a direction, the central difference, and how well this is known from
-/// images of the solver's tolerance.
+/// Derivative in a direction, central difference, and the uncertainty of the latter that is due to
+/// the tolerance of the solver.
 fn compare(
     peak: f32,
     interpolation: Interpolation,
@@ -123,8 +127,9 @@ fn derivatives_are_central_differences() {
     }
 }
 
-/// The view means against those of photon paths, of the cloud alone, above a bright surface,
-/// and in air: so small and uneven a cloud asks for fine angles, cells and rays.
+/// Comparison of the view means with those of the Monte Carlo solver, for the cloud alone, above a
+/// bright surface, and in a molecular atmosphere. Such a small, non-uniform cloud requires fine
+/// angles, cells and rays.
 #[test]
 fn images_are_those_of_random_paths() {
     let extinction = cloud(60.0);
@@ -164,8 +169,8 @@ fn images_are_those_of_random_paths() {
     }
 }
 
-/// A cloud above a black surface, without air.
-fn bare(extinction: &Volume, asymmetry: f64) -> Scene {
+/// A cloud above a black surface, without a molecular atmosphere.
+pub(super) fn bare(extinction: &Volume, asymmetry: f64) -> Scene {
     let phase = PhaseFunction::henyey_greenstein(asymmetry).unwrap();
     let medium = Medium::new(extinction.clone(), 1.0, phase).unwrap();
     Scene::new(medium, Sun::default(), Surface::BLACK).unwrap()
@@ -177,8 +182,9 @@ fn solved(scene: &Scene, views: &[View]) -> ViewStack {
     model.images(&scene.medium.extinction).unwrap()
 }
 
-/// The air scatters between and in the cells, whatever voxels are called active: 0.004492 by the
-/// Monte Carlo solver, where rays that left the air out between their first and last cell saw 0.00401.
+/// The molecular atmosphere scatters between and in the cells, whichever voxels are active. The
+/// Monte Carlo solver gives 0.004492; rays without the molecular atmosphere between their first and
+/// last cell would give 0.00401.
 #[test]
 fn air_scatters_all_along_a_ray() {
     let grid = Grid::new(DVec3::new(0.0, 0.0, 0.5), DVec3::new(0.5, 0.5, 0.25), [4, 4, 4]).unwrap();
@@ -206,8 +212,8 @@ fn air_scatters_all_along_a_ray() {
     }
 }
 
-/// What a lone voxel sends into pixels of a sixteenth, one and four times its width is the same;
-/// and what it sends is that of the Monte Carlo solver.
+/// The light of a single voxel is the same in pixels of a sixteenth, one and four times its width,
+/// and equals that of the Monte Carlo solver.
 #[test]
 fn pixels_of_any_size_see_the_same_voxel() {
     let grid = Grid::new(DVec3::new(0.0, 0.0, 1.0), DVec3::splat(0.05), [5, 5, 5]).unwrap();
@@ -233,8 +239,8 @@ fn pixels_of_any_size_see_the_same_voxel() {
     }
 }
 
-/// Between the points where the depth towards the Sun is known it may vary from 0 to 10; beyond them
-/// it must not fall below zero, as that would be more light than the Sun has.
+/// Between the points at which the optical depth towards the Sun is known it may vary from 0 to 10;
+/// beyond them it must not fall below zero, which would amplify the sunlight.
 #[test]
 fn sunlight_is_never_more_than_the_suns() {
     let depths = [0.0, 10.0, 0.0, 10.0, 0.0, 10.0, 0.0, 10.0];
@@ -244,8 +250,9 @@ fn sunlight_is_never_more_than_the_suns() {
     }
 }
 
-/// A small cloud of droplets in air above the ocean at the default settings, on what a user looks
-/// at: its light above that of the clear scene, in views down, slanted and of the glory.
+/// The cloud signal of a small cloud of droplets in a molecular atmosphere above the ocean surface
+/// at the default settings: its radiance minus that of the clear scene, in a nadir view, an oblique
+/// view, and a view of the glory.
 #[test]
 fn the_light_of_a_small_cloud_is_that_of_photon_paths() {
     let grid =
@@ -289,7 +296,7 @@ fn the_light_of_a_small_cloud_is_that_of_photon_paths() {
     }
 }
 
-/// Who waits learns how far it is, from little to all, and may stop the sweeps.
+/// A progress callback receives shares from small values to 1, and may stop the sweeps.
 #[test]
 fn a_rendering_is_watched_and_stopped() {
     struct Waiting {
@@ -324,7 +331,7 @@ fn a_rendering_is_watched_and_stopped() {
     assert!(shares.len() > 4 && shares[0] < 0.5 && shares.last() == Some(&1.0), "{shares:?}");
     let (part, shares) = rendered(true);
     assert!(part.interrupted && !part.converged && shares.len() < 6, "{shares:?}");
-    // Light that was scattered a few times only.
+    // Light that was scattered only a few times.
     let (part, whole) = (part.images.brightest(), whole.images.brightest());
     assert!(0.05 * whole < part && part < whole, "{part} of {whole}");
 }
