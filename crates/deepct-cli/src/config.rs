@@ -83,10 +83,19 @@ impl Settings {
 
     fn resolved<T: DeserializeOwned>(&self, defaults: &str, given: toml::Table) -> Result<T> {
         let mut table: toml::Table = defaults.parse().expect("defaults are valid TOML");
-        overlay(&mut table, given);
         let origin = self.config.as_deref().unwrap_or(Path::new("--set"));
         let verb = defaults::ALL.iter().find(|(_, text)| *text == defaults);
         let verb = verb.map_or("VERB", |(verb, _)| verb);
+        for key in given.keys().filter(|key| !table.contains_key(*key)) {
+            let mut sections =
+                table.iter().filter_map(|(name, value)| Some((name, value.as_table()?)));
+            if let Some((section, _)) = sections.find(|(_, section)| section.contains_key(key)) {
+                let remedy =
+                    format!("write {section}.{key}; `deepct config {verb}` lists the keys");
+                return Err(Error::file(origin, "settings", format!("unknown key {key}"), remedy));
+            }
+        }
+        overlay(&mut table, given);
         table.try_into().map_err(|problem| invalid(origin, &problem, verb))
     }
 }
@@ -191,6 +200,8 @@ mod tests {
 
     #[test]
     fn unknown_keys_and_wrong_types_are_refused() {
+        let nested = resolve(&["zenith_deg=3.0"]).unwrap_err().to_string();
+        assert!(nested.contains("write sun.zenith_deg"), "{nested}");
         for set in ["sun.zenit_deg=1.0", "smaples=3", "samples=many", "samples"] {
             assert!(resolve(&[set]).is_err(), "{set}");
         }

@@ -2,7 +2,7 @@
 
 use crate::global::Global;
 use crate::inversion::{Flags, Job};
-use crate::light::light_of;
+use crate::light::resolve_light;
 use crate::outcome::Outcome;
 use deepct_core::io::{load_weights, read_observation};
 use deepct_core::network::Network;
@@ -37,7 +37,8 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
         settings.inversion = settings.inversion.quick();
     }
     let network = Network::new(&load_weights(&args.weights)?)?;
-    let observation = read_observation(&args.images)?;
+    let mut observation = read_observation(&args.images)?;
+    resolve_light(&mut observation, &args.images, &given, global.quiet)?;
     let start = observation
         .imaging_geometry()
         .and_then(|geometry| network.estimate(&observation.images, &geometry))
@@ -48,7 +49,6 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
         images: &args.images,
         flags: &args.flags,
         settings,
-        light: light_of(&observation, &args.images, &given, global.quiet)?,
         observation,
         grid: start.extinction.grid,
         start: start.into(),

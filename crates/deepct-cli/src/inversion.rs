@@ -97,8 +97,6 @@ pub(crate) struct Job<'a> {
     pub(crate) quick: bool,
     pub(crate) settings: InvertSettings,
     pub(crate) observation: Observation,
-    /// Illumination of the scene.
-    pub(crate) light: Light,
     /// Grid of the estimate.
     pub(crate) grid: Grid,
     pub(crate) start: Start,
@@ -137,7 +135,7 @@ impl Job<'_> {
             configuration: self.resolved(&self.settings),
             seed: global.seed,
         };
-        write_reconstruction(&flags.out, &reconstruction, &mask, &self.light, &provenance)?;
+        write_reconstruction(&flags.out, &reconstruction, &mask, &self.observation, &provenance)?;
         if reconstruction.ending == Ending::Interrupted {
             eprintln!("deepct: stopped early; repeat the command with --resume to continue");
         } else if checkpoint.exists() {
@@ -171,11 +169,11 @@ impl Job<'_> {
     }
 
     fn truth(&self, path: &Path) -> Result<Volume> {
-        self.light.extinction(&read_cloud(path)?).map_err(Error::in_file(path))
+        self.observation.light.extinction(&read_cloud(path)?).map_err(Error::in_file(path))
     }
 
     fn models(&self) -> Result<OrdinatesModels> {
-        let scene = self.light.scene_of(Volume::constant(self.grid, 0.0))?;
+        let scene = self.observation.light.scene_of(Volume::constant(self.grid, 0.0))?;
         let solver = &self.settings.solver;
         let views = self.observation.views.clone();
         let mut models = OrdinatesModels::new(scene, views, solver.ordinates());
@@ -210,7 +208,7 @@ impl Job<'_> {
             init: &self.init,
             mask: self.flags.mask.as_deref(),
             settings,
-            light: &self.light,
+            light: &self.observation.light,
         };
         toml::to_string(&resolved).expect("plain numbers and text")
     }
@@ -238,7 +236,8 @@ fn report(reconstruction: &Reconstruction, mask: &Mask) {
     let ending = ending.description();
     println!("mask     {} of {} voxels", mask.count(), mask.grid.len());
     if let Some(last) = history.last() {
-        println!("steps    {} in {:.1} s: {ending}", last.iteration, last.seconds);
+        let steps = history.iter().filter(|record| record.iteration > 0).count();
+        println!("steps    {steps} in {:.1} s: {ending}", last.seconds);
         println!("misfit   {:.3}", last.misfit);
         if let (Some(epsilon), Some(delta)) = (last.relative_error, last.mass_error) {
             println!("epsilon  {epsilon:.4}");

@@ -2,7 +2,7 @@
 
 use crate::global::Global;
 use crate::inversion::{Flags, Job};
-use crate::light::light_of;
+use crate::light::resolve_light;
 use crate::outcome::Outcome;
 use deepct_core::inversion::Start;
 use deepct_core::io::{read_estimate, read_grid, read_observation};
@@ -40,14 +40,14 @@ pub(crate) struct Args {
 pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let (settings, given) = args.flags.resolve()?;
     let start = start(&args.init)?;
-    let observation = read_observation(&args.images)?;
+    let mut observation = read_observation(&args.images)?;
+    resolve_light(&mut observation, &args.images, &given, global.quiet)?;
     let job = Job {
         quick: false,
         what: "invert",
         images: &args.images,
         flags: &args.flags,
         settings,
-        light: light_of(&observation, &args.images, &given, global.quiet)?,
         observation,
         grid: read_grid(&args.grid)?,
         start,

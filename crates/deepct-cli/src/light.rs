@@ -2,7 +2,7 @@
 //! it from the file of the images.
 
 use crate::config::{Values, flattened, read_table, single};
-use deepct_core::scene::{Light, Observation};
+use deepct_core::scene::{Light, Observation, PhaseModel};
 use deepct_core::{Error, Result};
 use std::path::{Path, PathBuf};
 
@@ -82,16 +82,16 @@ impl LightFlags {
     }
 }
 
-/// The scene illumination of images, as stored in their file, with given values in place of the
-/// stored ones. Prints a warning for each contradiction, and lists the values that are assumed.
-pub(crate) fn light_of(
-    observation: &Observation,
+/// Completes the light of images: what their file states, with the given values in its place. Prints a
+/// warning for each contradiction, and what has to be assumed.
+pub(crate) fn resolve_light(
+    observation: &mut Observation,
     path: &Path,
     given: &Values,
     quiet: bool,
-) -> Result<Light> {
+) -> Result<()> {
     let stated = observation.light.values();
-    let mut light = observation.light.with_values(given)?;
+    let light = observation.light.with_values(given)?;
     let assumed = |key: &String| observation.assumed.contains(key);
     for (key, value) in light.values() {
         if let Some(old) = stated.get(&key).filter(|old| **old != value && !assumed(&key)) {
@@ -101,25 +101,40 @@ pub(crate) fn light_of(
             );
         }
     }
-    let mut missing: Vec<String> = observation
+    observation.light = light;
+    observation.assumed.retain(|key| !given.contains_key(key));
+    let optics = &mut observation.light.optics;
+    if optics.effective_radius.is_none() && optics.phase == PhaseModel::Mie {
+        optics.effective_radius = Some(ASSUMED_RADIUS);
+        observation.assumed.push("optics.effective_radius".into());
+    }
+    let values = observation.light.values();
+    let missing: Vec<String> = observation
         .assumed
         .iter()
-        .filter(|key| !given.contains_key(*key))
-        .map(|key| format!("{key} = {}", light.values()[key]))
+        .filter(|key| matters(key, &observation.light))
+        .map(|key| format!("{key} = {}", values[key]))
         .collect();
-    if light.optics.effective_radius.is_none()
-        && light.optics.phase == deepct_core::scene::PhaseModel::Mie
-    {
-        light.optics.effective_radius = Some(ASSUMED_RADIUS);
-        missing.push(format!("optics.effective_radius = {ASSUMED_RADIUS}"));
-    }
     if !missing.is_empty() && !quiet {
         eprintln!(
             "deepct: {} does not specify the whole scene illumination; assumed: {} \
-             (set it with --light)",
+             (--light FILE.toml specifies it)",
             path.display(),
             missing.join(", ")
         );
     }
-    Ok(light)
+    Ok(())
+}
+
+/// Whether a value of the light has an effect on an inversion.
+fn matters(key: &str, light: &Light) -> bool {
+    let mie = light.optics.phase == PhaseModel::Mie;
+    match key {
+        "optics.asymmetry" => light.optics.phase == PhaseModel::HenyeyGreenstein,
+        "optics.single_scattering_albedo" => !mie,
+        "optics.distribution" | "optics.bandwidth" => mie,
+        // It only gives the extinction of a true cloud.
+        "optics.extinction" => false,
+        _ => true,
+    }
 }

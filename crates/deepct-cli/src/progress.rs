@@ -178,9 +178,10 @@ impl<'a> InversionProgress<'a> {
 
 impl inversion::Watch for InversionProgress<'_> {
     fn reached(&self, record: &Record) {
+        let stage = record.stage + 1;
         let mut text = match record.block {
-            1 => format!("step {}", record.iteration),
-            block => format!("blocks of {block}, step {}", record.iteration),
+            1 => format!("stage {stage}, step {}", record.iteration),
+            block => format!("stage {stage}, blocks of {block}, step {}", record.iteration),
         };
         text += &format!(", misfit {:.3}", record.misfit);
         if let (Some(epsilon), Some(delta)) = (record.relative_error, record.mass_error) {

@@ -89,4 +89,6 @@ pub struct ImagingGeometry {
     pub target_km: [f64; 3],
     /// Wavelength (um).
     pub wavelength_um: f64,
+    /// Solar irradiance in the unit of the radiances times sr; networks are trained for 1.
+    pub solar_irradiance: f64,
 }

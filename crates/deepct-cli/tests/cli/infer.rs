@@ -139,7 +139,7 @@ fn an_uncertainty_is_written_beside_the_extinction() {
 
     program.succeed("infer N.nc --weights U.safetensors --carve --out carved.nc");
     let text = program.succeed("weights inspect U.safetensors");
-    assert!(text.contains("output           extinction and its uncertainty (km-1) / 20"), "{text}");
+    assert!(text.contains("output           extinction and uncertainty (km-1) / 20"), "{text}");
     program.succeed("carve N.nc --grid carved.nc --out C.nc");
     let mask = read_mask(program.path("C.nc")).unwrap();
     let carved = read_estimate(program.path("carved.nc")).unwrap().uncertainty.unwrap();

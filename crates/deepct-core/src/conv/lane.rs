@@ -110,8 +110,8 @@ impl Lane {
         };
         match &mut workers[..] {
             [worker] => run((0, worker)),
-            // Threads that are busy elsewhere do not take part; the others do
-            // their part of the work.
+            // Threads that are busy elsewhere do not take part; the others then do their part of
+            // the work.
             workers => workers.par_iter_mut().enumerate().with_max_len(1).for_each(run),
         }
     }

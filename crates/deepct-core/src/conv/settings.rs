@@ -32,7 +32,8 @@ impl Settings {
     /// Check that the kernel and the algorithm support the precision.
     ///
     /// # Errors
-    /// Returns an error if bfloat16 is requested and the kernel or the algorithm does not support it.
+    /// Returns an error if bfloat16 is requested and the kernel or the algorithm does not
+    /// support it.
     pub fn check(self) -> Result<()> {
         if self.precision == Precision::Single {
             return Ok(());

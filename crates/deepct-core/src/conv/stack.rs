@@ -164,7 +164,7 @@ impl Stack {
             .iter_mut()
             .any(|lane| !unpoisoned(lane.get_mut()).fits(plan.order, self.lengths(plan)))
         {
-            let remedy = "take the scratch from the stack that runs";
+            let remedy = "use the scratch memory of the same stack";
             return Err(Error::mismatch("scratch", "one for these layers", "another", remedy));
         }
         let outputs = output.par_chunks_exact_mut(self.output_channels() * rows * cols);

@@ -1,4 +1,4 @@
-//! Whether a data set is whole.
+//! Verification of a data set.
 
 use super::Manifest;
 use crate::error::{Error, Result};
@@ -6,11 +6,11 @@ use crate::files::sha256;
 use crate::io;
 use std::path::Path;
 
-/// Read every sample of a data set and compare it with the manifest; `progress` is
-/// called once a sample. Returns the manifest.
+/// Read every sample of a data set and compare it with the manifest. `progress` is called once per
+/// sample. Returns the manifest.
 ///
 /// # Errors
-/// The first sample that is missing, changed, or of another shape or geometry.
+/// Returns an error for the first sample that is missing, has been modified, or has another shape.
 pub fn check(folder: &Path, progress: &(dyn Fn(u64) + Sync)) -> Result<Manifest> {
     let manifest = Manifest::read(folder)?;
     let remedy = "delete the file and run `deepct dataset generate` again";

@@ -1,4 +1,4 @@
-//! The making of a data set: snapshot by snapshot, cloud by cloud, resumable.
+//! Resumable generation of a data set.
 
 use super::plan::{self, Plan, Planned, Share};
 use super::{DatasetSettings, FORMAT, Manifest, Sample};
@@ -15,24 +15,24 @@ use rayon::prelude::*;
 use std::path::Path;
 use std::sync::{Arc, OnceLock};
 
-/// What of a data set is there.
+/// Result of a call of [`generate`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Generated {
-    /// Samples in the folder, of all or of the share.
+    /// Number of samples of the data set or of the share.
     pub samples: usize,
-    /// Those of them that were made now and not found.
+    /// Number of samples that this call generated; the others existed already.
     pub made: usize,
 }
 
-/// Make the samples of a plan in `folder`, from the simulations in `simulations`: those of a
-/// share, or all, and then the manifest.
+/// Generate the samples of a plan in `folder` from the simulations in `simulations`: either those
+/// of a share, or all samples and the manifest.
 ///
-/// Samples that are in the folder already are kept: a run that was stopped goes on
-/// where it was. `progress` is called for every sample that is made.
+/// Samples that exist in the folder are not generated again, so that an interrupted run can be
+/// resumed. `progress` is called for every sample that is generated.
 ///
 /// # Errors
-/// A simulation or a sample that cannot be read or written; a simulation that is not the
-/// one of the plan; settings out of range.
+/// Returns an error if a simulation or a sample cannot be read or written, if a simulation is not
+/// that of the plan, or if settings are out of range.
 pub fn generate(
     plan: &Plan,
     simulations: &Path,
@@ -61,13 +61,14 @@ pub fn generate(
     Ok(generated)
 }
 
-/// What stays the same from sample to sample.
+/// Data that are common to all samples.
 pub(super) struct Generator<'a> {
     settings: &'a DatasetSettings,
     simulations: &'a Path,
     grid: Grid,
     views: Vec<View>,
-    /// The optics of droplets in the light of the settings and of each source, once needed.
+    /// Droplet optics for the scene illumination of the settings and of each source, computed on
+    /// first use.
     tables: Vec<OnceLock<Option<Arc<DropletTable>>>>,
 }
 
@@ -97,7 +98,7 @@ impl<'a> Generator<'a> {
         }
     }
 
-    /// Make samples of one snapshot, several at a time.
+    /// Generate samples of one snapshot in parallel.
     fn make(
         &self,
         planned: &[&Planned],
@@ -111,7 +112,7 @@ impl<'a> Generator<'a> {
         planned.par_iter().try_for_each(|planned| {
             let Some(piece) = pieces.iter().find(|piece| piece.corner == planned.corner) else {
                 let problem = format!("snapshot {snapshot} has no cloud at {:?}", planned.corner);
-                let remedy = "take the simulation that the data set was begun with";
+                let remedy = "use the simulation with which the data set was started";
                 return Err(Error::file(&simulation, "cloud", problem, remedy));
             };
             let cloud = self.seed(planned, piece).map_err(Error::in_file(&simulation))?;
@@ -121,7 +122,7 @@ impl<'a> Generator<'a> {
         })
     }
 
-    /// A sample that is there, as the manifest names it.
+    /// The manifest entry of an existing sample.
     fn entry(&self, planned: &Planned, folder: &Path) -> Result<Sample> {
         let source = &self.settings.sources[planned.source];
         let file = planned.file();
@@ -135,8 +136,8 @@ impl<'a> Generator<'a> {
         })
     }
 
-    /// The cloud on the grid of the samples, its water changed and in droplets of a number
-    /// of its own.
+    /// The cloud on the grid of the samples, with varied water and a randomly drawn droplet number
+    /// concentration.
     fn seed(&self, planned: &Planned, piece: &Piece) -> Result<Cloud> {
         let Planned { source, snapshot, corner: [row, col] } = *planned;
         let key = [source as u64, snapshot as u64, row as u64, col as u64];
@@ -154,8 +155,8 @@ impl<'a> Generator<'a> {
         Cloud::from_microphysics(self.grid, droplets)
     }
 
-    /// The light of a source, and the optics of its droplets. All clouds have one effective
-    /// variance, so one table serves them all.
+    /// The scene illumination of a source and its droplet optics. All clouds have the same
+    /// effective variance, so that one table applies to all of them.
     fn light(&self, source: usize, cloud: &Cloud) -> Result<(&Light, Option<Arc<DropletTable>>)> {
         let (light, known) = match &self.settings.sources[source].light {
             Some(own) => (own, &self.tables[source + 1]),
@@ -168,7 +169,7 @@ impl<'a> Generator<'a> {
         Ok((light, known.get_or_init(|| table).clone()))
     }
 
-    /// Render a cloud in the light of its source and write the sample.
+    /// Render a cloud with the scene illumination of its source and write the sample.
     fn render(&self, source: usize, cloud: Cloud, path: &Path) -> Result<()> {
         let (light, table) = self.light(source, &cloud)?;
         let scene = light.scene_with(&cloud, table)?;

@@ -1,4 +1,4 @@
-//! What a data set holds, and how it was made.
+//! The manifest of a data set.
 
 use super::{DatasetSettings, Split};
 use crate::error::{Error, Result};
@@ -7,57 +7,58 @@ use crate::network::Levels;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
-/// The name of the format, in every manifest.
+/// The name and version of the format, stated in every manifest.
 pub const FORMAT: &str = "deepct-dataset 2";
 
 /// One sample of a data set.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Sample {
-    /// Its file, relative to the data set's folder.
+    /// The file of the sample, relative to the folder of the data set.
     pub file: PathBuf,
-    /// The set that it belongs to.
+    /// The split to which the sample belongs.
     pub split: Split,
-    /// The simulation that it is from.
+    /// The simulation from which it was taken.
     pub source: PathBuf,
     /// The index of the snapshot.
     pub snapshot: usize,
-    /// Row and column of the simulation at its south-west corner; beyond the sides, it
-    /// is counted into the periodic neighbours.
+    /// Row and column of the simulation at the south-west corner of the sample. They may lie
+    /// outside the field, in its periodic continuation.
     pub corner: [i64; 2],
-    /// SHA-256 of the file, in hexadecimal.
+    /// SHA-256 of the file in hexadecimal.
     pub sha256: String,
 }
 
-/// `manifest.json`: what a data set holds and how it was made.
+/// The contents of `manifest.json`: the samples of a data set and the settings from which they
+/// were generated.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Manifest {
     /// [`FORMAT`].
     pub format: String,
-    /// Version of the program that made it.
+    /// Version of deepct that generated the data set.
     pub deepct_version: String,
-    /// Formation that looked at the clouds.
+    /// Name of the formation that observed the clouds.
     pub formation: String,
-    /// Its geometry in numbers.
+    /// View geometry of the formation.
     pub geometry: ViewGeometry,
-    /// Rows and columns of an image.
+    /// Number of rows and columns of an image.
     pub image_shape: [usize; 2],
     /// Size of a voxel along x, y, z (km).
     pub voxel_spacing_km: [f64; 3],
     /// The vertical axis.
     pub levels: Levels,
-    /// The settings that made it.
+    /// The settings from which the data set was generated.
     pub configuration: DatasetSettings,
     /// The samples, in the order of the plan.
     pub samples: Vec<Sample>,
 }
 
 impl Manifest {
-    /// The manifest of a data set's folder.
+    /// Read the manifest of a data set from its folder.
     ///
     /// # Errors
-    /// A manifest that is missing, unreadable or of another format.
+    /// Returns an error if the manifest is missing, unreadable or in another format.
     pub fn read(folder: &Path) -> Result<Self> {
         let path = Self::path(folder);
         let text = std::fs::read_to_string(&path).map_err(Error::io(&path))?;
@@ -71,7 +72,7 @@ impl Manifest {
         Ok(manifest)
     }
 
-    /// Where the manifest of a data set's folder is.
+    /// The path of the manifest in the folder of a data set.
     pub fn path(folder: &Path) -> PathBuf {
         folder.join("manifest.json")
     }

@@ -1,13 +1,13 @@
-//! Data sets for training: what is in them, and how they are made and resumed.
+//! Data sets for training: contents, generation and resumption.
 //!
-//! A data set is a folder: `manifest.json` and one file per sample under `samples/`,
-//! each with the truth (`extinction`) and what a formation sees of it (`radiance`, by the
-//! deterministic solver, without sensor noise: that is drawn anew each time a sample is used).
-//! Every sample is one isolated cloud of a large-eddy simulation, or a square of its field. The
-//! sets are split by time, so that no cloud stands in two of them.
+//! A data set is a folder with `manifest.json` and one file per sample under `samples/`. Each
+//! sample contains the true `extinction` and the images of a formation (`radiance`), computed by
+//! the discrete-ordinates solver without sensor noise, which is drawn anew each time a sample is
+//! used. A sample is one isolated cloud of a large-eddy simulation, or a square of its field. The
+//! splits are separated in time, so that no cloud occurs in two of them.
 //!
-//! Which samples there will be is decided before the first is made ([`plan`]), so that
-//! several processes, on several machines, can each [`generate`] a [`Share`] of them.
+//! The samples are chosen before the first one is generated ([`plan`]), so that several processes
+//! on several machines can each [`generate`] a [`Share`] of them.
 
 mod check;
 mod generate;

@@ -1,4 +1,4 @@
-//! What a data set is made of.
+//! Settings of a data set.
 
 use super::Variation;
 use crate::error::{Error, Result};
@@ -11,78 +11,78 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-/// What a data set is made of.
+/// Settings from which a data set is generated.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DatasetSettings {
-    /// Seed of the choice of clouds and of their droplet numbers.
+    /// Seed of the random choice of clouds and of their droplet number concentrations.
     pub seed: u64,
-    /// Name of the formation that looks at the clouds.
+    /// Name of the formation that observes the clouds.
     pub formation: String,
-    /// The light that the clouds are seen in.
+    /// The scene illumination.
     pub light: Light,
-    /// Least and largest droplet number concentration (1/cm3), from which effective radii
-    /// follow: that of each cloud is drawn from between them, evenly in its logarithm.
+    /// Minimum and maximum droplet number concentration (1/cm3), from which effective radii are
+    /// derived. The value of each cloud is drawn between them, uniformly in its logarithm.
     pub droplets_per_cm3: [f64; 2],
-    /// Share of the liquid water that is kept: 1 is all of it.
+    /// Factor by which the liquid water content is multiplied.
     pub water_share: f32,
-    /// How the light is computed.
+    /// Settings of the radiative transfer solver.
     pub solver: SolverSettings,
-    /// Columns of a sample along x and along y.
+    /// Number of columns of a sample along x and along y.
     pub columns: usize,
-    /// Side of a column (km).
+    /// Width of a column (km).
     pub column_km: f64,
     /// Levels of a sample.
     pub levels: Levels,
-    /// Whether a sample is one cloud alone on its ground; otherwise it is a square of the field
-    /// with all that is in it. A source may have it otherwise.
+    /// Whether a sample contains a single isolated cloud. Otherwise it is a square of the field
+    /// with all clouds in it. A source can override this setting.
     #[serde(default = "isolated")]
     pub isolated: bool,
-    /// Fewest cloudy columns of a sample.
+    /// Minimum number of cloudy columns of a sample.
     pub minimum_columns: usize,
-    /// Least liquid water path (g/m2) that a sample must reach in a column.
+    /// Minimum of the largest liquid water path of a sample (g/m2).
     pub minimum_water_path: f32,
-    /// Number of samples of each split, drawn at random from all that the sources have; all of
-    /// a split that is not named.
+    /// Number of samples of each split, drawn at random from those of its sources. A split that is
+    /// not listed includes all samples.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub counts: BTreeMap<Split, usize>,
-    /// Where the clouds come from.
+    /// The simulations that provide the clouds.
     pub sources: Vec<Source>,
 }
 
-/// What data sets had before the setting was there.
+/// The value for data sets that were generated before this setting existed.
 fn isolated() -> bool {
     true
 }
 
-/// A stretch of time of one simulation.
+/// A time interval of one simulation.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Source {
-    /// The simulation, relative to the folder of the simulations.
+    /// The file of the simulation, relative to the folder of the simulations.
     pub file: PathBuf,
-    /// The set that its clouds belong to.
+    /// The split to which its clouds belong.
     pub split: Split,
     /// Index of the first snapshot.
     pub first: usize,
     /// Index of the last snapshot.
     pub last: usize,
-    /// Take every so many snapshots.
+    /// Step between the indices of the snapshots.
     pub every: usize,
-    /// The most samples taken of one snapshot, drawn at random.
+    /// Maximum number of samples of one snapshot; if there are more, they are drawn at random.
     pub clouds: usize,
-    /// [`DatasetSettings::isolated`] of its own.
+    /// Overrides [`DatasetSettings::isolated`].
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub isolated: Option<bool>,
-    /// How they are changed; as the simulation made them where this is missing.
+    /// Random variation of the clouds; if absent, they are used unchanged.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub variation: Option<Variation>,
-    /// [`DatasetSettings::light`] of its own.
+    /// Overrides [`DatasetSettings::light`].
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub light: Option<Light>,
 }
 
-/// The settings of the deterministic solver that a data set is computed with.
+/// The settings of the discrete-ordinates solver for a data set.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SolverSettings {
@@ -96,21 +96,21 @@ pub struct SolverSettings {
     pub most_parts: usize,
 }
 
-/// The set that a sample belongs to.
+/// The split to which a sample belongs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 #[non_exhaustive]
 pub enum Split {
-    /// What a network learns from.
+    /// Samples used to train a network.
     Train,
-    /// What decides when to stop, and what is reported of a training.
+    /// Samples used to decide when to stop the training and to report its progress.
     Validation,
-    /// What nobody looks at before the end.
+    /// Samples reserved for the final evaluation.
     Test,
 }
 
 impl Split {
-    /// Its name in files and settings.
+    /// The name in files and settings.
     pub fn name(self) -> &'static str {
         match self {
             Self::Train => "train",
@@ -128,7 +128,7 @@ impl SolverSettings {
 }
 
 impl DatasetSettings {
-    /// Every snapshot that is read: the number of its source, and its index there.
+    /// All snapshots that are read: the index of the source and that of the snapshot in it.
     pub fn snapshots(&self) -> impl Iterator<Item = (usize, usize)> {
         self.sources.iter().enumerate().flat_map(|(number, source)| {
             let every = source.every.max(1);
@@ -136,10 +136,10 @@ impl DatasetSettings {
         })
     }
 
-    /// The formation by its name.
+    /// The formation with the configured name.
     ///
     /// # Errors
-    /// A name that is no preset.
+    /// Returns an error if there is no preset with this name.
     pub fn formation(&self) -> Result<Formation> {
         Formation::preset(&self.formation).ok_or_else(|| {
             Error::out_of_range(
@@ -150,7 +150,8 @@ impl DatasetSettings {
         })
     }
 
-    /// The grid of the samples. Where a cloud stood does not matter: every sample begins at 0.
+    /// The grid of the samples. All samples have their horizontal origin at 0, regardless of the
+    /// position of the cloud in the simulation.
     pub(super) fn grid(&self) -> Result<Grid> {
         let Self { columns, column_km, levels, .. } = self;
         let origin = DVec3::new(0.0, 0.0, levels.bottom_km);
@@ -163,8 +164,8 @@ impl DatasetSettings {
         self.formation()?.views(self.grid()?.center(), [self.columns; 2])
     }
 
-    /// An error unless the values are in range, the formation is known and the simulations are in
-    /// their folder.
+    /// Check that the values are in range, that the formation is known, and that the files of the
+    /// simulations can be opened.
     pub(super) fn check(&self, simulations: &Path) -> Result<()> {
         for source in &self.sources {
             let path = simulations.join(&source.file);

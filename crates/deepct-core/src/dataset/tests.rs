@@ -1,4 +1,4 @@
-//! Data sets made of a small simulation.
+//! Tests with data sets of a small simulation.
 
 use super::*;
 use crate::cloud::{Cloud, Microphysics};
@@ -12,8 +12,8 @@ use ndarray::Array3;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-/// A simulation of one snapshot with two boxes of cloud, one of them across the
-/// periodic side, and settings that take both.
+/// Write a simulation of one snapshot with two box-shaped clouds, one of them across the periodic
+/// boundary, and return settings that include both.
 fn simulation(folder: &Path) -> DatasetSettings {
     let spacing = DVec3::new(0.05, 0.05, 0.04);
     let grid = Grid::new(DVec3::new(0.0, 0.0, 0.48), spacing, [6, 24, 24]).unwrap();
@@ -65,7 +65,7 @@ fn simulation(folder: &Path) -> DatasetSettings {
     }
 }
 
-/// Plan a data set and make it, or a share of it.
+/// Plan a data set and generate it or a share of it.
 fn make(
     settings: &DatasetSettings,
     folder: &Path,
@@ -85,15 +85,14 @@ fn a_data_set_is_made_once_checked_and_kept() {
     assert_eq!(run(&settings).unwrap(), Generated { samples: 2, made: 2 });
     let manifest = check(&out, &|_| ()).unwrap();
 
-    // 16 columns by 3 levels of 0.5 g/m3 in the one cloud, 30 by 3 in the other.
+    // One cloud has 16 columns and 3 levels of 0.5 g/m3, the other 30 columns and 3 levels.
     let extinction = |sample: &Sample| {
         let volume = io::read_volume(out.join(&sample.file)).unwrap();
         volume.values.iter().map(|value| f64::from(*value)).sum::<f64>()
     };
     let radius = f64::from(crate::cloud::effective_radius(0.5, 100.0));
     for (sample, voxels) in manifest.samples.iter().zip([48.0, 90.0]) {
-        // Twice the cross-section, and what waves bend around the edge (Nussenzveig and
-        // Wiscombe 1980).
+        // Twice the geometric cross-section plus the edge effect (Nussenzveig and Wiscombe 1980).
         let edge = 0.9962 * (2.0 * std::f64::consts::PI * radius / 0.672).powf(-2.0 / 3.0);
         let expected = voxels * 1500.0 * 0.5 / radius * (1.0 + edge);
         assert!((extinction(sample) / expected - 1.0).abs() < 5e-3);
@@ -101,14 +100,15 @@ fn a_data_set_is_made_once_checked_and_kept() {
         assert!((cloud.mean_effective_radius().unwrap() / radius - 1.0).abs() < 1e-6);
     }
 
-    // Again: nothing is made; one lost: it comes back as it was.
+    // A second run generates nothing; a deleted sample is generated again with the same contents.
     assert_eq!(run(&settings).unwrap(), Generated { samples: 2, made: 0 });
     std::fs::remove_file(out.join(&manifest.samples[1].file)).unwrap();
     assert_eq!(run(&settings).unwrap(), Generated { samples: 2, made: 1 });
     assert_eq!(check(&out, &|_| ()).unwrap(), manifest);
 }
 
-/// What is darker without air and has the geometric extinction is the plain light.
+/// The default scene illumination is recognised by the geometric extinction and by darker images,
+/// as it has no molecular atmosphere.
 #[test]
 fn clouds_are_seen_in_the_light_of_their_source() {
     let folder = tempfile::tempdir().unwrap();
@@ -126,8 +126,8 @@ fn clouds_are_seen_in_the_light_of_their_source() {
         (largest, io::read_observation(&path).unwrap().images.values[[5, 11, 11]])
     });
     assert!((none.0 / (1500.0 * 0.5 / radius) - 1.0).abs() < 1e-4 && air.0 > 1.02 * none.0);
-    // Straight down on the side of the Sun, where no shadow falls: an ocean of albedo 0.05
-    // under the Sun at 30 degrees.
+    // The nadir view of a pixel on the side of the Sun outside the shadow shows an ocean surface
+    // of albedo 0.05 at a solar zenith angle of 30 degrees.
     let ocean = 0.05 * 30.0_f32.to_radians().cos() / std::f32::consts::PI;
     assert!((none.1 / ocean - 1.0).abs() < 0.05 && air.1 > 1.2 * none.1, "{air:?} {none:?}");
 }
@@ -141,7 +141,7 @@ fn a_changed_sample_and_other_settings_are_refused() {
     let mut other = settings.clone();
     other.light.surface.albedo = 0.1;
 
-    // While there are shares only, and when there is a manifest.
+    // Both while only shares exist and once there is a manifest.
     run(&settings, Some("1/2")).unwrap();
     for share in [Some("2/2"), None] {
         let problem = run(&other, share).unwrap_err().to_string();
@@ -169,7 +169,7 @@ fn a_changed_sample_and_other_settings_are_refused() {
 fn shares_make_what_one_process_makes() {
     let folder = tempfile::tempdir().unwrap();
     let mut settings = simulation(folder.path());
-    // Every source is a snapshot of its own, with other droplet numbers.
+    // Each source counts as a separate snapshot with other droplet number concentrations.
     settings.droplets_per_cm3 = [50.0, 600.0];
     settings.sources = vec![settings.sources[0].clone(); 3];
     let whole = folder.path().join("whole");
@@ -229,13 +229,13 @@ fn fields_keep_all_water() {
     let whole = DatasetSettings { isolated: false, ..settings.clone() };
     let mut own = settings.clone();
     own.sources[0].isolated = Some(false);
-    // A set of fields, and a source of them in a set of isolated clouds.
+    // A data set of fields, and a data set of isolated clouds with a source of fields.
     for (name, settings) in [("whole", whole), ("own", own)] {
         let out = folder.path().join(name);
         make(&settings, folder.path(), &out, None).unwrap();
         let samples = check(&out, &|_| ()).unwrap().samples;
         assert!((1..=4).contains(&samples.len()));
-        // All voxels with water are alike.
+        // All voxels with water have the same value.
         let mut voxels = 0;
         for sample in &samples {
             let values = io::read_volume(out.join(&sample.file)).unwrap().values;
@@ -262,7 +262,7 @@ fn each_split_has_the_samples_that_are_asked_for() {
     assert_eq!((all.count(Split::Train), all.count(Split::Validation)), (4, 2));
     let some = planned(&[(Split::Train, 3), (Split::Test, 0)]).unwrap();
     assert_eq!((some.count(Split::Train), some.count(Split::Validation)), (3, 2));
-    // In the same order, each at most once.
+    // The samples are in the same order and each occurs at most once.
     let mut rest = all.samples.iter();
     assert!(some.samples.iter().all(|one| rest.any(|other| other == one)));
     assert_eq!(planned(&[(Split::Train, 3), (Split::Test, 0)]).unwrap(), some);

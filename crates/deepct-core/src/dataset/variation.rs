@@ -1,4 +1,4 @@
-//! Clouds that the simulation did not make: with another base, turned or leaning in the wind, drier.
+//! Random variation of simulated clouds: other cloud bases, orientations, tilts and water contents.
 
 use crate::error::{Error, Result};
 use crate::math::DVec3;
@@ -6,36 +6,38 @@ use crate::rng::{Rng, RngExt};
 use ndarray::{Array3, ArrayView2, ArrayView3, Axis};
 use serde::{Deserialize, Serialize};
 
-/// How far the clouds of a source are changed before they are seen, each by numbers of its own,
-/// drawn evenly. Nothing of a cloud is lost: it moves as far as it has room.
+/// Ranges of the random variation of the clouds of a source before they are rendered. The values
+/// for each cloud are drawn uniformly. Displacements are limited so that no part of a cloud leaves
+/// the grid.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Variation {
-    /// Most levels that a cloud is raised or lowered by.
+    /// Maximum number of levels by which a cloud is raised or lowered.
     pub levels: usize,
-    /// Largest lean: how far the cloud is drawn out horizontally over a height (km per km),
-    /// in any direction, as by the shear of the wind.
+    /// Maximum tilt: horizontal displacement per height (km per km) in a random direction, similar
+    /// to the effect of wind shear.
     pub lean: f64,
-    /// Least share of its water that a cloud keeps; 1 keeps all. One that dries out in clear air
-    /// has lost part of it.
+    /// Minimum factor by which the liquid water content is multiplied; 1 leaves it unchanged.
+    /// Smaller factors represent clouds that evaporate.
     pub least_water: f32,
-    /// Whether a cloud is turned by some quarter turns about the vertical and mirrored or not:
-    /// eight ways to stand in the same light.
+    /// Whether a cloud is rotated about the vertical by a random multiple of 90 degrees and
+    /// randomly mirrored, which gives eight orientations in the same scene illumination.
     pub turned: bool,
 }
 
 impl Default for Variation {
-    /// The cloud as it is.
+    /// No variation.
     fn default() -> Self {
         Self { levels: 0, lean: 0.0, least_water: 1.0, turned: false }
     }
 }
 
 impl Variation {
-    /// An error unless the numbers are in range.
+    /// Check that the values are in range.
     ///
     /// # Errors
-    /// A lean that is negative or not finite, a share of water that is not within 0 to 1.
+    /// Returns an error if the tilt is negative or not finite, or if the water factor is not
+    /// positive or exceeds 1.
     pub(super) fn check(&self) -> Result<()> {
         if !(self.lean >= 0.0 && self.lean.is_finite()) {
             return Err(Error::out_of_range("variation.lean", self.lean, "0 or more"));
@@ -47,8 +49,8 @@ impl Variation {
         Ok(())
     }
 
-    /// Another cloud out of the liquid water `[z, y, x]` of one, in voxels of `spacing` (km), with
-    /// as many columns along y as along x.
+    /// Draw a random variation of the liquid water `[z, y, x]` of a cloud, in voxels of size
+    /// `spacing` (km), with the same number of columns along y and x.
     pub(super) fn draw(
         &self,
         water: &Array3<f32>,
@@ -86,8 +88,7 @@ impl Variation {
     }
 }
 
-/// The cloud `[z, y, x]` in one of the eight ways in which a square lies on itself: way 0 changes
-/// nothing.
+/// The cloud `[z, y, x]` in one of the eight symmetries of the square; 0 is the identity.
 fn stand(water: &Array3<f32>, way: usize) -> ArrayView3<'_, f32> {
     let mut water = water.view();
     if way & 1 != 0 {
@@ -102,8 +103,8 @@ fn stand(water: &Array3<f32>, way: usize) -> ArrayView3<'_, f32> {
     water
 }
 
-/// As much of a drift (rows, columns) as leaves the water of a level a clear column on each side,
-/// where it had one.
+/// Limit a horizontal displacement (rows, columns) of a level such that at least one clear line
+/// remains on each side, if there was one.
 fn within(level: ArrayView2<f32>, drift: [i64; 2]) -> [i64; 2] {
     [0, 1].map(|axis| {
         let lines = level.len_of(Axis(axis));
@@ -124,7 +125,7 @@ mod tests {
 
     const SPACING: DVec3 = DVec3::new(0.05, 0.05, 0.04);
 
-    /// A tower of 2 x 2 columns and five levels whose water tells each voxel from each other.
+    /// A tower of 2 x 2 columns and five levels with a different water content in each voxel.
     fn tower() -> Array3<f32> {
         Array3::from_shape_fn([12, 20, 20], |(k, j, i)| {
             let inside = (3..8).contains(&k) && (9..11).contains(&j) && (9..11).contains(&i);
@@ -141,7 +142,7 @@ mod tests {
         water.iter().map(|water| f64::from(*water)).sum()
     }
 
-    /// The middle of a level's water, (row, column).
+    /// The centre of mass of the water of a level, (row, column).
     fn middle(water: &Array3<f32>, k: usize) -> [f64; 2] {
         let level = water.index_axis(Axis(0), k);
         let total: f64 = level.iter().map(|water| f64::from(*water)).sum();
@@ -184,11 +185,12 @@ mod tests {
             let still = middle(&tower(), 5);
             assert!((mid[0] - still[0]).abs() < 1e-6 && (mid[1] - still[1]).abs() < 1e-6);
             for axis in 0..2 {
-                // Of the tower's own middles, level by level, a hundredth of a voxel is left.
+                // The centres of mass of the levels of the tower itself differ by up to a
+                // hundredth of a voxel.
                 assert!((high[axis] + low[axis] - 2.0 * mid[axis]).abs() < 0.01);
             }
             let lean = (high[0] - low[0]).hypot(high[1] - low[1]) * 0.05 / (4.0 * 0.04);
-            // Each of four levels' drift is rounded to whole voxels.
+            // The displacement of each level is rounded to whole voxels.
             assert!(lean < 1.5 + 0.05 * 2.0_f64.sqrt() / 0.16, "{lean}");
             farthest = farthest.max(lean);
         }
@@ -210,7 +212,7 @@ mod tests {
         let variation = Variation { turned: true, ..Variation::default() };
         let mut ways: Vec<(Array3<f32>, usize)> = Vec::new();
         for cloud in draws(variation, &tower()) {
-            // Every level keeps its water, wherever that stands.
+            // The values of every level are only permuted.
             for k in 0..12 {
                 let sorted = |cloud: &Array3<f32>| {
                     let mut level =
@@ -226,7 +228,8 @@ mod tests {
             }
         }
         assert_eq!(ways.len(), 8);
-        // Of 60 draws, each way 7.5 times, within four standard deviations of a binomial.
+        // Each of the eight orientations is expected 7.5 times in 60 draws; the bounds are four
+        // standard deviations of the binomial distribution.
         assert!(ways.iter().all(|(_, count)| (1..18).contains(count)));
         assert!(ways.iter().any(|(way, _)| *way == tower()));
         let turned = Array3::from_shape_fn([12, 20, 20], |(k, j, i)| tower()[[k, i, 19 - j]]);

@@ -1,4 +1,4 @@
-//! The clouds of an experiment and what the cameras saw of them.
+//! The clouds of an experiment and their images.
 
 use super::ExperimentSettings;
 use crate::cloud::{Cloud, CumulusSettings, cumulus};
@@ -13,21 +13,21 @@ use crate::transport::{self, MonteCarloSettings, Solver};
 use ndarray::{Array3, Axis};
 use std::path::{Path, PathBuf};
 
-/// Largest difference between a view of a data set and one of the weights (degrees).
+/// Largest angle between a view of a data set and the matching view of the weights (degrees).
 const SAME_VIEW_DEG: f64 = 0.1;
 
-/// Where the clouds come from.
+/// The origin of a cloud.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Origin {
-    /// A file of a cloud.
+    /// A cloud file.
     File(PathBuf),
-    /// The generator with this seed.
+    /// The cloud generator with this seed.
     Generated(u64),
     /// A sample of a data set.
     Sample(PathBuf),
 }
 
-/// A cloud by its name and origin.
+/// A cloud with its name, number and origin.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Case {
     pub(super) name: String,
@@ -35,7 +35,7 @@ pub(super) struct Case {
     pub(super) origin: Origin,
 }
 
-/// The clouds that the settings ask for.
+/// The clouds that the settings specify.
 pub(super) fn cases(settings: &ExperimentSettings) -> Result<Vec<Case>> {
     let stem = |path: &Path| path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
     let mut cases: Vec<(String, Origin)> =
@@ -49,7 +49,7 @@ pub(super) fn cases(settings: &ExperimentSettings) -> Result<Vec<Case>> {
         let set: Vec<_> =
             manifest.samples.iter().filter(|sample| sample.split == settings.split).collect();
         if set.len() < settings.samples {
-            let range = format!("at most {}, what the set holds", set.len());
+            let range = format!("at most {}, the size of the split", set.len());
             return Err(Error::out_of_range("samples", settings.samples, range));
         }
         cases.extend((0..settings.samples).map(|number| {
@@ -67,8 +67,8 @@ pub(super) fn cases(settings: &ExperimentSettings) -> Result<Vec<Case>> {
 }
 
 impl Case {
-    /// The cloud with its extinction and the noisy images by the views of the weights, made once and
-    /// kept in `path`.
+    /// The cloud with its extinction, and the noisy images in the views of the weights. They are
+    /// computed once and stored in `path`.
     pub(super) fn open(
         &self,
         path: &Path,
@@ -123,7 +123,7 @@ impl Case {
     }
 }
 
-/// The images through the sensor of the settings.
+/// Apply the sensor model of the settings to the images.
 fn through_sensor(
     clean: &Observation,
     settings: &ExperimentSettings,
@@ -140,7 +140,7 @@ fn through_sensor(
     Ok(expose(clean, &sensor, Scale::BrightestAtFullWell, seed)?.observation)
 }
 
-/// Those views of an observation that the weights are for, in their order.
+/// Select the views of an observation that the weights require, in the order of the weights.
 fn select_views(observation: &Observation, weights: &WeightsMetadata) -> Result<Observation> {
     let (has, wanted) = (observation.geometry(), &weights.view_geometry);
     let direction = |geometry: &crate::image::ViewGeometry, view: usize| {
@@ -161,7 +161,7 @@ fn select_views(observation: &Observation, weights: &WeightsMetadata) -> Result<
                     "views of the data set",
                     format!("one in the direction of view {view} of the weights"),
                     "none",
-                    "take a data set that has all views of the weights",
+                    "use a data set that has all views of the weights",
                 )
             })
         })

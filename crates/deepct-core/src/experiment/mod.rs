@@ -1,9 +1,10 @@
-//! The comparison of four ways from images to a cloud: the network, physics, physics that
-//! starts from the network, and the same in ten steps (Sde-Chen et al. 2021, section 5).
+//! Comparison of four reconstruction methods: the network, the inversion, the hybrid (an inversion
+//! that starts from the estimate of the network) and the quick hybrid with a few iterations
+//! (Sde-Chen et al. 2021, section 5).
 //!
-//! [`run`] takes every cloud in every way, keeps each result in a file of its own, so that
-//! a run that was stopped goes on where it was, and writes a report: tables, box plots,
-//! pictures.
+//! [`run`] reconstructs every cloud by every method and stores each result in a separate file, so
+//! that an interrupted run can be resumed. It then writes a report with tables, box plots and
+//! figures.
 
 mod case;
 mod report;
@@ -19,48 +20,48 @@ use crate::scene::Light;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
-/// What is compared, and on what.
+/// Settings of an experiment.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ExperimentSettings {
-    /// Seed of generated clouds, of photon paths and of the sensor's noise.
+    /// Seed of generated clouds, of photon paths and of the sensor noise.
     pub seed: u64,
     /// Files of clouds.
     pub clouds: Vec<PathBuf>,
-    /// Number of clouds of the built-in generator.
+    /// Number of clouds from the built-in generator.
     pub generated: usize,
-    /// Folder of a data set, made by the formation of the weights or one that has all of
+    /// Folder of a data set for the formation of the weights, or for a formation that includes all
     /// its views.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub dataset: Option<PathBuf>,
-    /// The set whose samples are taken.
+    /// The split from which samples are taken.
     pub split: Split,
-    /// Number of samples taken, evenly spread over the set.
+    /// Number of samples, evenly distributed over the split.
     pub samples: usize,
-    /// Weights of the network: a file, or the name of built-in ones.
+    /// Weights of the network: a file or the name of built-in weights.
     pub weights: PathBuf,
-    /// The ways.
+    /// The methods to compare.
     pub methods: Vec<Method>,
-    /// Sensor by its name or file, or `none`.
+    /// Name or file of the sensor, or `none`.
     pub sensor: String,
-    /// Light paths of each pixel, for clouds that come without images.
+    /// Number of photon paths per pixel, for clouds without images.
     pub samples_per_pixel: u32,
-    /// Scattering orders after which those paths go on without the forward peak; never, if
+    /// Number of scatterings after which these paths continue with weaker forward peaks; never if
     /// absent.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub similarity_after: Option<u32>,
-    /// The light of clouds that come without images; samples of a data set have their own.
+    /// Scene illumination of clouds without images; samples of a data set include their own.
     pub light: Light,
-    /// Effective radius (um) that the inversions prescribe; if absent, the mean of each cloud.
+    /// Effective radius (um) prescribed in the inversions; if absent, the mean of each cloud.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub effective_radius: Option<f64>,
-    /// Extinction (1/km) that physics starts from.
+    /// Initial extinction of the inversion (1/km).
     pub start: f64,
-    /// Steps of the quick hybrid.
+    /// Number of iterations of the quick hybrid.
     pub quick_iterations: usize,
-    /// Where cloud is looked for.
+    /// Settings of the space carving that gives the mask.
     pub carve: CarveSettings,
-    /// The inversion of the three ways that invert.
+    /// Settings of the inversion in the three methods that include one.
     pub inversion: InversionSettings,
 }
 
@@ -89,22 +90,22 @@ impl Default for ExperimentSettings {
 }
 
 impl ExperimentSettings {
-    /// An error unless the settings can be used.
+    /// Check that the settings are valid.
     ///
     /// # Errors
-    /// Names the first setting at fault.
+    /// Returns an error that names the first invalid setting.
     pub fn check(&self) -> Result<()> {
         self.inversion.check()?;
         self.carve.check()?;
         self.light.check()?;
         if self.methods.is_empty() {
-            return Err(Error::out_of_range("methods", "empty", "at least one way"));
+            return Err(Error::out_of_range("methods", "empty", "at least one method"));
         }
         if self.dataset.is_some() != (self.samples > 0) {
             return Err(Error::out_of_range(
                 "samples",
                 self.samples,
-                "positive where a data set is given, and 0 where none is",
+                "positive if a data set is given, and 0 otherwise",
             ));
         }
         if self.clouds.is_empty() && self.generated == 0 && self.dataset.is_none() {
@@ -114,23 +115,23 @@ impl ExperimentSettings {
     }
 }
 
-/// A way from images to a cloud; all look inside the carved mask.
+/// A reconstruction method. All methods are restricted to the carved mask.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
 pub enum Method {
     /// The network.
     Network,
-    /// Inversion from next to nothing.
+    /// The inversion, which starts from a small constant extinction.
     Physics,
-    /// Inversion from the network's answer.
+    /// The inversion, which starts from the estimate of the network.
     Hybrid,
-    /// A few steps of the same, by a solver with fewer ordinates.
+    /// A few iterations of the hybrid with a faster solver.
     QuickHybrid,
 }
 
 impl Method {
-    /// All of them, in the order of the paper.
+    /// All methods, in the order of the paper.
     pub const ALL: [Self; 4] = [Self::Network, Self::Physics, Self::Hybrid, Self::QuickHybrid];
 
     /// The name in files and tables.
@@ -144,50 +145,51 @@ impl Method {
     }
 }
 
-/// What one way made of one cloud.
+/// The result of one method for one cloud.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Outcome {
     /// Name of the cloud.
     pub cloud: String,
-    /// The way.
+    /// The method.
     pub method: Method,
-    /// Optical depth of its thickest column.
+    /// Largest optical depth of a column of the true cloud.
     pub optical_depth: f64,
     /// Relative error epsilon.
     pub relative_error: f64,
-    /// Relative error of the total extinction delta.
+    /// Mass error delta.
     pub mass_error: f64,
-    /// The epsilon that the network expected of its own answer, if its weights tell that.
+    /// Epsilon that the network expects of its own estimate, if its weights provide an
+    /// uncertainty.
     pub expected_relative_error: Option<f64>,
-    /// Time from images to extinction (s), with the carving.
+    /// Time from images to extinction including the carving (s).
     pub seconds: f64,
-    /// Steps of the inversion.
+    /// Number of iterations of the inversion.
     pub steps: usize,
-    /// The last misfit of the inversion.
+    /// Final misfit of the inversion.
     pub misfit: Option<f64>,
-    /// Why the inversion ended.
+    /// Reason why the inversion ended.
     pub ending: Option<Ending>,
 }
 
-/// Whoever waits for an experiment: for each of its inversions, too.
+/// Progress callback of an experiment and of its inversions; `()` ignores all events.
 pub trait Watch: inversion::Watch {
-    /// Called before each of `total` results is made or found.
+    /// Called before each of `total` results is computed or read from a previous run.
     fn begins(&self, _cloud: &str, _method: Method, _number: usize, _total: usize) {}
 
-    /// Called with each result that was made now.
+    /// Called with each newly computed result.
     fn made(&self, _outcome: &Outcome) {}
 }
 
 impl Watch for () {}
 
-/// What an experiment came to.
+/// The result of an experiment.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Experiment {
-    /// All results, by cloud and then by way.
+    /// All results, ordered by cloud and then by method.
     pub outcomes: Vec<Outcome>,
-    /// Those of them that were made now and not found.
+    /// Number of newly computed results; the others are from previous runs.
     pub made: usize,
-    /// Whether the watch stopped it; there is no report then.
+    /// Whether the progress callback interrupted the run, in which case there is no report.
     pub interrupted: bool,
 }

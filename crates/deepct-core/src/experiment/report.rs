@@ -1,4 +1,4 @@
-//! The report of an experiment: tables, box plots and where the pictures are.
+//! The report of an experiment: tables, box plots and links to the figures.
 
 use super::{ExperimentSettings, Outcome};
 use crate::error::Result;
@@ -7,16 +7,16 @@ use crate::plot::{BoxGroup, box_figure};
 use std::fmt::Write;
 use std::path::Path;
 
-/// Clouds are told apart by the optical depth of their thickest column: below the first of these,
-/// between the two, above the second.
+/// Limits between the classes of clouds by the largest optical depth of a column.
 const OPTICAL_DEPTHS: [f64; 2] = [10.0, 30.0];
 
-/// What the paper reached, for its own clouds (Sde-Chen et al. 2021).
+/// Results of the paper for its own clouds (Sde-Chen et al. 2021).
 const PAPER: &str =
-    "In the paper (other clouds, noise alike), the network has ε 86 ± 10 % and δ 44 ± 16 % with 10
-views, 82 ± 10 % and 32 ± 16 % with 32; physics takes about an hour for a cloud on 20 cores.\n";
+    "In the paper (other clouds, similar noise), ε and δ of the network are 86 ± 10 % and 44 ± 16 %
+with 10 views, and 82 ± 10 % and 32 ± 16 % with 32 views; the inversion takes about one hour per
+cloud on 20 cores.\n";
 
-/// Write `report.md` and the figures of all clouds together.
+/// Write `report.md` and the box plots over all clouds.
 pub(super) fn write(
     folder: &Path,
     settings: &ExperimentSettings,
@@ -35,7 +35,7 @@ pub(super) fn write(
         ("relative error \u{3b5} (%)", groups(|one| 100.0 * one.relative_error)),
         ("mass error \u{3b4} (%)", groups(|one| 100.0 * one.mass_error)),
     ];
-    box_figure(folder.join("figures/errors.png"), &panels, "Errors by way")?;
+    box_figure(folder.join("figures/errors.png"), &panels, "Errors by method")?;
     files::write(&folder.join("report.md"), text(settings, outcomes))
 }
 
@@ -47,7 +47,7 @@ fn mean_and_spread(values: &[f64]) -> (f64, f64) {
     (mean, (squares / (count - 1.0).max(1.0)).sqrt())
 }
 
-/// Pearson's correlation over the clouds.
+/// Pearson correlation coefficient over the clouds.
 fn correlation(first: &[f64], second: &[f64]) -> f64 {
     let ((a, s), (b, t)) = (mean_and_spread(first), mean_and_spread(second));
     let products = first.iter().zip(second).map(|(x, y)| (x - a) * (y - b)).sum::<f64>();
@@ -62,16 +62,16 @@ fn text(settings: &ExperimentSettings, outcomes: &[Outcome]) -> String {
     };
     let mut text = String::new();
     let mut line = |words: String| {
-        writeln!(text, "{words}").expect("a string takes what is written");
+        writeln!(text, "{words}").expect("writing to a string cannot fail");
     };
-    line("# Four ways from images to a cloud\n".into());
+    line("# Comparison of reconstruction methods\n".into());
     line(format!(
         "{} clouds, weights `{}`, sensor `{}`. Mean and standard deviation over the clouds.\n",
         clouds.len(),
         settings.weights.display(),
         settings.sensor
     ));
-    line("| way | ε (%) | δ (%) | mean of abs(δ) (%) | time (s) | steps |".into());
+    line("| method | ε (%) | δ (%) | mean of abs(δ) (%) | time (s) | steps |".into());
     line("|---|---|---|---|---|---|".into());
     for method in &settings.methods {
         let of = |value: fn(&Outcome) -> f64| {
@@ -95,15 +95,17 @@ fn text(settings: &ExperimentSettings, outcomes: &[Outcome]) -> String {
         ));
     }
     line(format!("\n{PAPER}"));
-    line("![Errors by way](figures/errors.png)\n".into());
+    line("![Errors by method](figures/errors.png)\n".into());
     line("## By optical depth\n".into());
     line(
-        "Mean ε (%) and δ (%) of the clouds by the optical depth of their thickest column.\n"
+        "Mean ε (%) and δ (%), and number of clouds, by the largest optical depth of a column.\n"
             .into(),
     );
     let [thin, thick] = OPTICAL_DEPTHS;
     let classes = [(0.0, thin), (thin, thick), (thick, f64::INFINITY)];
-    line(format!("| way | below {thin} | {thin} to {thick} | above {thick} |\n|---|---|---|---|"));
+    line(format!(
+        "| method | below {thin} | {thin} to {thick} | above {thick} |\n|---|---|---|---|"
+    ));
     for method in &settings.methods {
         let cells = classes.map(|(least, most)| {
             let class = |one: &&Outcome| {
@@ -129,19 +131,19 @@ fn text(settings: &ExperimentSettings, outcomes: &[Outcome]) -> String {
     if expected.len() > 1 {
         let (told, found): (Vec<f64>, Vec<f64>) = expected.iter().copied().unzip();
         line(format!(
-            "Before the carving, the network expected an ε of {:.1} % in the mean; over the clouds, what it \
-             expected and what came have a correlation of {:.2}.\n",
+            "Before the carving, the network expected an ε of {:.1} % in the mean; over the \
+             clouds, the expected and actual ε have a correlation of {:.2}.\n",
             mean_and_spread(&told).0,
             correlation(&told, &found)
         ));
     }
     line("## By cloud\n".into());
-    line("| cloud | way | ε (%) | δ (%) | time (s) | steps | misfit | picture |".into());
+    line("| cloud | method | ε (%) | δ (%) | time (s) | steps | misfit | figure |".into());
     line("|---|---|---|---|---|---|---|---|".into());
     for one in outcomes {
         let misfit = one.misfit.map_or("-".into(), |misfit| format!("{misfit:.2}"));
         line(format!(
-            "| {} | {} | {:.1} | {:.1} | {:.3} | {} | {misfit} | [picture](figures/{}-{}.png) |",
+            "| {} | {} | {:.1} | {:.1} | {:.3} | {} | {misfit} | [figure](figures/{}-{}.png) |",
             one.cloud,
             one.method.name(),
             100.0 * one.relative_error,
@@ -153,9 +155,10 @@ fn text(settings: &ExperimentSettings, outcomes: &[Outcome]) -> String {
         ));
     }
     line(
-        "\nEach picture has slices, projections and a solid view of the estimate beside the".into(),
+        "\nEach figure has slices, projections and renderings of the estimate and the truth,"
+            .into(),
     );
-    line("truth, and the scatter plot of the two.\n".into());
+    line("and a scatter plot of the two.\n".into());
     line("## Configuration\n".into());
     line(format!("deepct {}\n", env!("CARGO_PKG_VERSION")));
     let configuration = toml::to_string(settings).expect("plain numbers and text");

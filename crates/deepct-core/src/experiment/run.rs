@@ -1,4 +1,4 @@
-//! Every cloud in every way, each result in a file of its own.
+//! Execution of an experiment: every cloud by every method, with each result in a separate file.
 
 use super::case::{Case, cases};
 use super::{Experiment, ExperimentSettings, Method, Outcome, Watch, report};
@@ -19,12 +19,12 @@ use ndarray::Axis;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-/// Run the experiment of `settings` in `folder`. Results that are in the folder already are
-/// kept: a run that was stopped goes on where it was.
+/// Run the experiment of `settings` in `folder`. Results that exist in the folder are not computed
+/// again, so that an interrupted run can be resumed.
 ///
 /// # Errors
-/// A folder with an experiment of other settings; settings out of range; clouds, weights or
-/// results that cannot be read or written.
+/// Returns an error if the folder contains an experiment with other settings, if settings are out
+/// of range, or if clouds, weights or results cannot be read or written.
 pub fn run(settings: &ExperimentSettings, folder: &Path, watch: &dyn Watch) -> Result<Experiment> {
     settings.check()?;
     let weights = io::load_weights(&settings.weights)?;
@@ -58,25 +58,25 @@ pub fn run(settings: &ExperimentSettings, folder: &Path, watch: &dyn Watch) -> R
     Ok(experiment)
 }
 
-/// What stays the same from cloud to cloud.
+/// Runs the methods; contains the data that are common to all clouds.
 struct MethodRunner<'a> {
     settings: &'a ExperimentSettings,
     folder: &'a Path,
     network: Network,
 }
 
-/// A cloud that is being worked on.
+/// A cloud that is being reconstructed.
 struct Work {
     truth: Volume,
     light: Light,
     observation: Observation,
     mask: Mask,
-    /// Time that the carving took (s).
+    /// Duration of the space carving (s).
     carving: f64,
 }
 
 impl MethodRunner<'_> {
-    /// Make the folders, and make sure that they are of this experiment.
+    /// Create the folders and check that they belong to this experiment.
     fn claim(&self) -> Result<()> {
         for name in ["clouds", "results", "volumes", "figures"] {
             let path = self.folder.join(name);
@@ -89,8 +89,8 @@ impl MethodRunner<'_> {
             Ok(_) => Err(Error::file(
                 path,
                 "settings",
-                "differ from those asked for",
-                "choose another folder, or the settings that the experiment was begun with",
+                "differ from the requested settings",
+                "choose another folder, or the settings with which the experiment was started",
             )),
             Err(_) => files::write(&path, &text),
         }
@@ -100,14 +100,14 @@ impl MethodRunner<'_> {
         self.folder.join(folder).join(format!("{}-{}.{ending}", case.name, method.name()))
     }
 
-    /// The result that an earlier run left.
+    /// The result of a previous run, if there is one.
     fn found(&self, case: &Case, method: Method) -> Result<Option<Outcome>> {
         let path = self.file("results", case, method, "json");
         if !path.exists() {
             return Ok(None);
         }
         let text = std::fs::read_to_string(&path).map_err(Error::io(&path))?;
-        let remedy = "delete the file: the result is made again";
+        let remedy = "delete the file: the result is then computed again";
         let outcome = serde_json::from_str(&text)
             .map_err(|problem| Error::file(&path, "result", problem.to_string(), remedy))?;
         Ok(Some(outcome))
@@ -127,7 +127,8 @@ impl MethodRunner<'_> {
         Ok(Work { truth, light, observation, mask, carving })
     }
 
-    /// Take one cloud one way; nothing where the watch stopped it.
+    /// Reconstruct one cloud by one method and store the result. Returns `None` if the progress
+    /// callback interrupted the inversion.
     fn make(
         &self,
         case: &Case,
@@ -162,7 +163,13 @@ impl MethodRunner<'_> {
             seed: self.settings.seed,
         };
         let volume = self.file("volumes", case, method, "nc");
-        io::write_reconstruction(&volume, &reconstruction, &work.mask, &work.light, &provenance)?;
+        io::write_reconstruction(
+            &volume,
+            &reconstruction,
+            &work.mask,
+            &work.observation,
+            &provenance,
+        )?;
         let figure = self.file("figures", case, method, "png");
         volume_figure(&figure, extinction, Some(&work.truth), &title)?;
         let text = serde_json::to_string_pretty(&outcome).expect("plain numbers and text");
@@ -170,7 +177,7 @@ impl MethodRunner<'_> {
         Ok(Some(outcome))
     }
 
-    /// The reconstruction of a cloud, and the epsilon that the network expects of its own.
+    /// The reconstruction of a cloud and, for the network, the epsilon that it expects.
     fn reconstruct(
         &self,
         method: Method,
@@ -211,7 +218,7 @@ impl MethodRunner<'_> {
     }
 }
 
-/// Optical depth of the thickest column.
+/// Largest optical depth of a column.
 fn thickest(extinction: &Volume) -> f64 {
     let columns = extinction.values.sum_axis(Axis(0));
     let largest = columns.iter().copied().fold(0.0, f32::max);

@@ -248,6 +248,7 @@ impl<'a> Run<'a> {
         if let Some(expected) = self.expected {
             objective.expect(&means(&expected.extinction, self.mask, *block)?);
         }
+        let resumed = matches!(beginning, Beginning::Checkpoint(_));
         let (mut minimiser, mut iteration) = match beginning {
             Beginning::Volume(extinction, search) => {
                 let cloudy = means(extinction, self.mask, *block)?;
@@ -255,7 +256,7 @@ impl<'a> Run<'a> {
             }
             Beginning::Checkpoint(checkpoint) => self.restore(&mut objective, checkpoint)?,
         };
-        if iteration == 0 {
+        if !resumed {
             self.note(level, &objective, &minimiser, 0)?;
         }
         let most = if *near { self.settings.iterations } else { self.settings.coarse_iterations };

@@ -1,10 +1,10 @@
-//! Checkpoints of inversions: safetensors of `F64` tensors with the rest in the header.
+//! Checkpoints of inversions: safetensors files of `F64` tensors with further data in the header.
 //!
 //! | tensor | shape | |
 //! |---|---|---|
-//! | `x`, `gradient` | `[variables]` | the point, the derivatives there |
-//! | `probed_at` | `[variables]` | the point where the second derivatives were looked for |
-//! | `steps`, `changes` | `[pairs, variables]` | what the optimiser remembers, the oldest first |
+//! | `x`, `gradient` | `[variables]` | the current point and the gradient there |
+//! | `probed_at` | `[variables]` | the point at which the second derivatives were estimated |
+//! | `steps`, `changes` | `[pairs, variables]` | the stored pairs of the optimiser, oldest first |
 
 use crate::error::{Error, Result};
 use crate::inversion::{Checkpoint, Pair, Point, Record};
@@ -14,14 +14,15 @@ use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
 use std::path::Path;
 
-/// The key of the header's metadata that holds ours.
+/// The key of the header's metadata that contains the data of deepct.
 const KEY: &str = "deepct";
 
-/// What the header holds.
+/// The data in the header.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Header {
-    /// What the inversion is of: one of another problem cannot go on from here.
+    /// Identity of the inversion problem: an inversion of another problem cannot resume from this
+    /// checkpoint.
     identity: String,
     stage: usize,
     iteration: usize,
@@ -29,11 +30,11 @@ struct Header {
     history: Vec<Record>,
 }
 
-/// Write a checkpoint, to a temporary name first. `identity` says what the inversion is
-/// of, in any words.
+/// Write a checkpoint, first under a temporary name. `identity` is an arbitrary text that
+/// identifies the inversion problem.
 ///
 /// # Errors
-/// When the file cannot be written.
+/// Returns an error if the file cannot be written.
 pub fn write_checkpoint(
     path: impl AsRef<Path>,
     checkpoint: &Checkpoint,
@@ -59,7 +60,7 @@ pub fn write_checkpoint(
     ];
     let views = tensors.map(|(name, values, shape)| {
         let view = TensorView::new(Dtype::F64, shape.clone(), bytemuck::cast_slice(values));
-        (name, view.expect("as many values as the shape says"))
+        (name, view.expect("the number of values matches the shape"))
     });
     let metadata = HashMap::from([(KEY.to_owned(), header)]);
     let bytes = safetensors::serialize(views, Some(metadata)).map_err(|problem| {
@@ -68,23 +69,23 @@ pub fn write_checkpoint(
     crate::files::write(path, bytes)
 }
 
-/// Read a checkpoint of the inversion that `identity` says.
+/// Read a checkpoint of the inversion identified by `identity`.
 ///
 /// # Errors
-/// A file that is missing, damaged, or of another inversion.
+/// Returns an error if the file is missing, damaged, or belongs to another inversion.
 pub fn read_checkpoint(path: impl AsRef<Path>, identity: &str) -> Result<Checkpoint> {
     let path = path.as_ref();
-    let remedy = "delete the file, and start the inversion anew without --resume";
+    let remedy = "delete the file and restart the inversion without --resume";
     let damaged = |problem: String| Error::file(path, "checkpoint", problem, remedy);
     let bytes = std::fs::read(path).map_err(Error::io(path))?;
     let (_, header) =
         SafeTensors::read_metadata(&bytes).map_err(|problem| damaged(problem.to_string()))?;
     let header = header.metadata().as_ref().and_then(|metadata| metadata.get(KEY));
-    let header = header.ok_or_else(|| damaged("has no header of deepct".into()))?;
+    let header = header.ok_or_else(|| damaged("has no deepct header".into()))?;
     let header: Header =
         serde_json::from_str(header).map_err(|problem| damaged(problem.to_string()))?;
     if header.identity != identity {
-        return Err(damaged("is of an inversion of other images or settings".into()));
+        return Err(damaged("belongs to an inversion of other images or settings".into()));
     }
     let tensors =
         SafeTensors::deserialize(&bytes).map_err(|problem| damaged(problem.to_string()))?;
@@ -100,7 +101,7 @@ pub fn read_checkpoint(path: impl AsRef<Path>, identity: &str) -> Result<Checkpo
     let (steps, changes) = (read("steps")?, read("changes")?);
     let count = probed_at.len();
     if count == 0 || x.len() != count || gradient.len() != count || steps.len() != changes.len() {
-        return Err(damaged("has tensors that do not fit each other".into()));
+        return Err(damaged("has tensors of inconsistent lengths".into()));
     }
     let pairs = steps.chunks_exact(count).zip(changes.chunks_exact(count));
     let pairs = pairs.map(|(step, change)| Pair { step: step.into(), change: change.into() });

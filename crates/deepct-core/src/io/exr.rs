@@ -1,4 +1,4 @@
-//! Images as OpenEXR, for viewers of high-dynamic-range pictures.
+//! Export of images as OpenEXR for viewers of high-dynamic-range images.
 
 use crate::error::{Error, Result};
 use crate::scene::Observation;
@@ -8,12 +8,13 @@ use exr::meta::header::{ImageAttributes, LayerAttributes};
 use exr::prelude::{SmallVec, WritableImage};
 use std::path::Path;
 
-/// Write images as OpenEXR: one layer per view, named `view_00` and on, each with the
-/// channel `Y`, the radiance (1/sr) in 32 bits, and the attributes `view_zenith_deg` and
-/// `view_azimuth_deg`. North is up: the first line of the picture is the last row.
+/// Write images as OpenEXR with one layer per view, named `view_00`, `view_01` and so on. Each
+/// layer has the channel `Y`, the radiance (1/sr) as 32-bit floats, and the attributes
+/// `view_zenith_deg` and `view_azimuth_deg`. North is up: the first line of the OpenEXR image is
+/// the last row of the array.
 ///
 /// # Errors
-/// When the file cannot be written.
+/// Returns an error if the file cannot be written.
 pub fn write_exr(path: impl AsRef<Path>, observation: &Observation) -> Result<()> {
     let path = path.as_ref();
     let [views, rows, cols] = observation.images.shape();
@@ -35,7 +36,7 @@ pub fn write_exr(path: impl AsRef<Path>, observation: &Observation) -> Result<()
 fn layer(observation: &Observation, number: usize) -> Layer<AnyChannels<FlatSamples>> {
     let image = observation.images.image(number);
     let (rows, cols) = image.dim();
-    // Lines of a picture go down, rows go north.
+    // OpenEXR lines are ordered downwards, array rows northwards.
     let pixels = image.rows().into_iter().rev().flatten().copied().collect();
     let channel = AnyChannel::new("Y", FlatSamples::F32(pixels));
     let mut attributes = LayerAttributes::named(format!("view_{number:02}").as_str());

@@ -1,11 +1,10 @@
-//! Files: HDF5/netCDF-4, safetensors, and the formats of others.
+//! Input and output: HDF5/netCDF-4, safetensors, OpenEXR and foreign cloud formats.
 //!
-//! Clouds, volumes, masks and images are HDF5 files that are also valid netCDF-4 with
-//! CF attributes, so that xarray, `ncdump` and Panoply open them with named
-//! dimensions and coordinates. Every file records how it was made ([`Provenance`]);
-//! it is written to a temporary name and renamed, so a run that dies leaves no half
-//! file behind. A file that cannot be used is refused with one message that names the
-//! file, the field and the remedy.
+//! Clouds, volumes, masks and images are stored as HDF5 files that are also valid netCDF-4 with
+//! CF attributes, so that xarray, `ncdump` and Panoply open them with named dimensions and
+//! coordinates. Every file records its provenance ([`Provenance`]). Files are written under a
+//! temporary name and then renamed, so that an aborted run leaves no incomplete file. If a file
+//! cannot be used, the error message names the file, the field and the remedy.
 
 #[cfg(feature = "files")]
 mod checkpoint;

@@ -1,22 +1,23 @@
-//! Weights files: safetensors with what the weights are for in the header.
+//! Weights files: safetensors with metadata in the header that specify their range of application.
 //!
 //! # The file, version 2
 //! A safetensors file of little-endian `F32` tensors in C order:
 //!
 //! | tensor | shape | |
 //! |---|---|---|
-//! | `layers.{i}.weight` | `[out, in, 3, 3]` | the kernels of convolution `i` (0 is the first), as PyTorch's `Conv2d.weight` |
-//! | `layers.{i}.bias` | `[out]` | its bias |
+//! | `layers.{i}.weight` | `[out, in, 3, 3]` | the filters of convolution `i` (0 is the first), as `Conv2d.weight` of PyTorch |
+//! | `layers.{i}.bias` | `[out]` | the biases of convolution `i` |
 //!
-//! The batch norm of a layer is folded into these two (in f64, rounded once). A file may
-//! instead keep it beside them, and then it is folded when the file is read: all four of
-//! `layers.{i}.batch_norm.weight`, `.bias`, `.running_mean` and `.running_var`, each
-//! `[out]`, with the epsilon [`BATCH_NORM_EPSILON`](crate::network::BATCH_NORM_EPSILON).
-//! No other tensor may be in the file.
+//! The batch norm of a layer is folded into these two tensors (in f64, rounded once). A file may
+//! instead contain the batch norm separately; it is then folded when the file is read. In this
+//! case the four tensors `layers.{i}.batch_norm.weight`, `.bias`, `.running_mean` and
+//! `.running_var`, each `[out]`, are required; the epsilon is
+//! [`BATCH_NORM_EPSILON`](crate::network::BATCH_NORM_EPSILON). The file must not contain other
+//! tensors.
 //!
-//! The header's `__metadata__` has the one key `deepct`, and its value is this JSON
-//! object (shown for 10 views and 3 layers; all keys are required, none may be added; all
-//! numbers are finite):
+//! The header's `__metadata__` has the single key `deepct`. Its value is a JSON object of the
+//! following form, shown for 10 views and 3 layers. All keys are required, other keys are not
+//! permitted, and all numbers must be finite:
 //!
 //! ```json
 //! {
@@ -45,21 +46,22 @@
 //! }
 //! ```
 //!
-//! Version 1 knew `"camera"` alone and no `camera_distance_km`; it is read as well.
+//! Version 1, which can also be read, supports only the image layout `"camera"` and has no
+//! `camera_distance_km`.
 //!
 //! | key | meaning |
 //! |---|---|
-//! | `architecture.channels` | channels before, between and after the layers: the first is the number of views, times that of planes if there are any, the last `levels.count` |
-//! | `architecture.last_relu` | whether a ReLU follows the last layer; one follows every other layer always |
-//! | `view_geometry` | as [`ViewGeometry`](crate::image::ViewGeometry): angles at the scene in degrees, zeniths in `[0, 90)`, azimuths clockwise from north towards the Sun or the satellite; the size of a pixel at the target and the distance of the camera from it (km; `null` for parallel rays); lists by view, in the order of the input channels |
-//! | `target_altitude_km` | altitude of the point that the middle of every image shows |
-//! | `image_layout` | `"camera"`: the images enter as the cameras took them; `{"planes": {"altitudes_km": [...]}}`: they are laid on these planes first, see [`Planes`](crate::network::Planes) |
-//! | `horizontal_spacing_km` | voxel size along x and y: one output pixel is one column of voxels |
-//! | `levels` | output channel `k` is the altitude `bottom_km + k * spacing_km` to `bottom_km + (k + 1) * spacing_km` |
+//! | `architecture.channels` | numbers of channels before, between and after the layers: the first is the number of views, multiplied by the number of planes if there are planes; the last is `levels.count` |
+//! | `architecture.last_relu` | whether a ReLU follows the last layer; a ReLU follows every other layer |
+//! | `view_geometry` | as [`ViewGeometry`](crate::image::ViewGeometry): angles at the scene in degrees, zenith angles in `[0, 90)`, azimuths clockwise from north towards the Sun or the satellite; pixel size at the target and distance of the camera from it (km; `null` for parallel rays); lists have one entry per view, in the order of the input channels |
+//! | `target_altitude_km` | altitude of the point at the centre of every image (km) |
+//! | `image_layout` | `"camera"`: the images are used in the camera geometry; `{"planes": {"altitudes_km": [...]}}`: the images are first resampled onto these horizontal planes, see [`Planes`](crate::network::Planes) |
+//! | `horizontal_spacing_km` | voxel size along x and y (km): one output pixel is one column of voxels |
+//! | `levels` | output channel `k` is the layer from `bottom_km + k * spacing_km` to `bottom_km + (k + 1) * spacing_km` |
 //! | `input_scale` | network input = radiance (1/sr) x `input_scale` |
 //! | `output_scale` | extinction (1/km) = network output x `output_scale` |
-//! | `scores` | any names; `epsilon` and `delta` are those of the validation set, as fractions |
-//! | `configuration` | the resolved configuration of the training, any JSON |
+//! | `scores` | scores with arbitrary names; `epsilon` and `delta` are those of the validation set, as fractions |
+//! | `configuration` | the resolved configuration of the training, as arbitrary JSON |
 
 use crate::error::{Error, Result};
 use crate::network::{BatchNorm, LayerWeights, Weights, WeightsMetadata};
@@ -69,27 +71,28 @@ use safetensors::{Dtype, SafeTensors};
 use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
 
-/// The largest weights file that is read (bytes); the paper's two are below 3 MB.
+/// Maximum size of a weights file (bytes). The two networks of the paper are smaller than 3 MB.
 pub const MAX_WEIGHTS_BYTES: u64 = 1 << 30;
 
-/// The key of the header's metadata that holds ours.
+/// The key of the header's metadata that contains the data of deepct.
 const METADATA_KEY: &str = "deepct";
 
-/// The weights that are part of the program, by name.
+/// The weights built into the program, by name.
 const BUILT_IN: [(&str, &[u8]); 2] = [
     ("cloudct-10", include_bytes!("../../weights/cloudct-10.safetensors")),
     ("pearls-32", include_bytes!("../../weights/pearls-32.safetensors")),
 ];
 
-/// The names that [`load_weights`] takes instead of a file.
+/// The names of the built-in weights, which [`load_weights`] accepts instead of a path.
 pub fn built_in_weights() -> impl Iterator<Item = &'static str> {
     BUILT_IN.iter().map(|(name, _)| *name)
 }
 
-/// Weights from a file, or from the program itself by name.
+/// Load weights from a file, or built-in weights by name.
 ///
 /// # Errors
-/// A name or file that does not exist; as [`read_weights`].
+/// Returns an error if there is neither a file nor built-in weights of this name; also as
+/// [`read_weights`].
 pub fn load_weights(name_or_path: impl AsRef<Path>) -> Result<Weights> {
     let path = name_or_path.as_ref();
     match BUILT_IN.iter().find(|(name, _)| Path::new(name) == path) {
@@ -103,12 +106,12 @@ pub fn load_weights(name_or_path: impl AsRef<Path>) -> Result<Weights> {
     }
 }
 
-/// Weights from a file.
+/// Read weights from a file.
 ///
 /// # Errors
-/// A file that cannot be read, is larger than [`MAX_WEIGHTS_BYTES`], is truncated or not
-/// safetensors; metadata that is missing, incomplete or out of range; a layer that is
-/// missing, one too many, of a wrong shape or type, or with a value that is not finite.
+/// Returns an error if the file cannot be read, is larger than [`MAX_WEIGHTS_BYTES`], is truncated
+/// or is not safetensors; if metadata are missing, incomplete or out of range; or if a layer is
+/// missing or superfluous, has a wrong shape or type, or contains a value that is not finite.
 pub fn read_weights(path: impl AsRef<Path>) -> Result<Weights> {
     let path = path.as_ref();
     let size = std::fs::metadata(path).map_err(Error::io(path))?.len();
@@ -120,7 +123,7 @@ pub fn read_weights(path: impl AsRef<Path>) -> Result<Weights> {
     parse_weights(&bytes, path)
 }
 
-/// Weights from the bytes of a file; `path` is for messages.
+/// Parse weights from the bytes of a file; `path` is used in error messages.
 ///
 /// # Errors
 /// As [`read_weights`].
@@ -161,7 +164,7 @@ fn parse_metadata(
     Ok(metadata)
 }
 
-/// The tensors of one layer, taken out of a file's.
+/// The tensors of one layer, which are removed from those of the file.
 struct LayerTensors<'a, 'data> {
     path: &'a Path,
     index: usize,
@@ -185,7 +188,7 @@ impl LayerTensors<'_, '_> {
         norm.fold_into(&layer).map_err(|problem| self.invalid("batch_norm", problem.to_string()))
     }
 
-    /// The tensor `layers.{index}.{name}`, which must be `F32` and of that shape.
+    /// Remove the tensor `layers.{index}.{name}`, which must be `F32` and have the given shape.
     fn take<D: Dimension>(
         &mut self,
         name: &str,
@@ -221,12 +224,12 @@ impl LayerTensors<'_, '_> {
 /// Write weights to a file.
 ///
 /// # Errors
-/// A folder that cannot be written to.
+/// Returns an error if the folder cannot be written to.
 #[cfg(feature = "files")]
 pub fn write_weights(path: impl AsRef<Path>, weights: &Weights) -> Result<()> {
     let path = path.as_ref();
     let bytes = weights_to_bytes(weights)
-        .map_err(|problem| Error::file(path, "weights", problem, "this is an error of deepct"))?;
+        .map_err(|problem| Error::file(path, "weights", problem, "report this as a bug"))?;
     crate::files::write(path, bytes)
 }
 
@@ -260,7 +263,7 @@ mod tests {
     use crate::network::weights;
     use crate::scene::{Observation, Sun};
 
-    /// A file made by hand, so that each test can break one thing of it.
+    /// A file composed by hand, in which each test can introduce one error.
     struct Draft {
         json: serde_json::Value,
         tensors: Vec<(String, Dtype, Vec<usize>, Vec<f32>)>,
@@ -340,7 +343,7 @@ mod tests {
             draft.tensors.push((name, Dtype::F32, vec![4], values.to_vec()));
         }
         let folded = parse_weights(&draft.bytes(), Path::new("w")).unwrap();
-        // (w - mean) / sqrt(var + eps) * gamma + beta, by hand for channel 1.
+        // (bias - mean) / sqrt(var + eps) * gamma + beta, evaluated by hand for channel 1.
         let factor = 2.0 / 4.00001_f64.sqrt();
         let expected = (f64::from(weights.layers[0].bias[1]) - 1.0) * factor + 0.2;
         assert!((f64::from(folded.layers[0].bias[1]) - expected).abs() < 1e-6);
@@ -387,7 +390,7 @@ mod tests {
             let error = parse_weights(&whole[..cut], Path::new("w")).unwrap_err().to_string();
             assert!(error.contains("damaged"), "{error}");
         }
-        // A header that declares more bytes than any machine has.
+        // A header that declares more bytes than fit in any memory.
         let huge = [u64::MAX.to_le_bytes().as_slice(), &whole[8..]].concat();
         assert!(parse_weights(&huge, Path::new("w")).is_err());
         let bare = safetensors::serialize(Vec::<(String, TensorView<'_>)>::new(), None).unwrap();

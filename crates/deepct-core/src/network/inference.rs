@@ -119,7 +119,9 @@ impl Network {
         }
         let [x, y, _] = geometry.target_km;
         let grid = self.grid([x, y], [rows, cols])?;
-        let radiance = images.values.as_standard_layout();
+        let unit = (1.0 / geometry.solar_irradiance) as f32;
+        let scaled = (unit != 1.0).then(|| unit * &images.values);
+        let radiance = scaled.as_ref().unwrap_or(&images.values).as_standard_layout();
         let radiance = radiance.as_slice().expect("standard layout is contiguous");
         let mut scratch = self.scratch([1, rows, cols])?;
         let mut values = Array3::zeros([self.output_channels(), rows, cols]);
@@ -182,6 +184,7 @@ mod tests {
             views: metadata.view_geometry.clone(),
             target_km: [x, y, metadata.target_altitude_km],
             wavelength_um: metadata.wavelength_um,
+            solar_irradiance: 1.0,
         }
     }
 

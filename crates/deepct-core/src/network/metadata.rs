@@ -220,7 +220,8 @@ impl WeightsMetadata {
     /// An [`Error::Mismatch`] with the first quantity that differs, its expected and its actual
     /// value.
     pub fn check_images(&self, taken: &ImagingGeometry) -> Result<()> {
-        let ImagingGeometry { views: geometry, target_km: [.., altitude], wavelength_um } = taken;
+        let ImagingGeometry { views: geometry, target_km: [.., altitude], wavelength_um, .. } =
+            taken;
         let ours = &self.view_geometry;
         let (expected, found) = (ours.view_zenith_deg.len(), geometry.view_zenith_deg.len());
         if expected != found {
@@ -309,7 +310,12 @@ mod tests {
 
     /// The imaging geometry of views with a target at an altitude (km), at a wavelength (um).
     fn taken(views: &ViewGeometry, altitude: f64, wavelength_um: f64) -> ImagingGeometry {
-        ImagingGeometry { views: views.clone(), target_km: [0.0, 0.0, altitude], wavelength_um }
+        ImagingGeometry {
+            views: views.clone(),
+            target_km: [0.0, 0.0, altitude],
+            wavelength_um,
+            solar_irradiance: 1.0,
+        }
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! Box plots: how numbers spread, group by group.
+//! Box plots of the distribution of values in groups.
 
 use super::page::{Anchor, BLACK, Colour, Frame, LABEL, Page, TICK, TITLE};
 use super::panel::ticks;
@@ -11,12 +11,12 @@ const MEDIAN: Colour = [200, 40, 30];
 /// Width of a group on the page (pixels).
 const STEP: i32 = 130;
 
-/// Numbers under one name.
+/// A named group of values.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BoxGroup {
-    /// Below the box.
+    /// The label below the box.
     pub name: &'static str,
-    /// What the box is of.
+    /// The values.
     pub values: Vec<f64>,
 }
 
@@ -31,7 +31,7 @@ struct Quartiles {
 }
 
 impl Quartiles {
-    /// By linear interpolation between the sorted values.
+    /// The quartiles of `values`, by linear interpolation between the sorted values.
     fn of(values: &[f64]) -> Self {
         let mut sorted = values.to_vec();
         sorted.sort_by(f64::total_cmp);
@@ -44,12 +44,13 @@ impl Quartiles {
     }
 }
 
-/// Draw box plots as a PNG file: a panel for each label with its groups, a box from the
-/// first to the third quartile with the median, whiskers to the extremes, a point for each
-/// number.
+/// Draw box plots as a PNG file, with one panel for each label and its groups. A box extends from
+/// the first to the third quartile and shows the median, whiskers extend to the extremes, and
+/// each value is shown as a point.
 ///
 /// # Errors
-/// No number in a group, one that is not finite, a file that cannot be written.
+/// Returns an error if a group has no values, if a value is not finite, or if the file cannot be
+/// written.
 pub fn box_figure(
     path: impl AsRef<Path>,
     panels: &[(&str, Vec<BoxGroup>)],

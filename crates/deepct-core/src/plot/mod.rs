@@ -1,9 +1,8 @@
-//! Pictures for people: PNG figures of volumes, scores and images.
+//! PNG figures of volumes, scores and images.
 //!
-//! Arrays grow to the north and to the east; a figure is turned north up as it is
-//! drawn, and nowhere else. Lengths are in km, extinction in 1/km, radiance in 1/sr.
-//! Colours are perceptually uniform: viridis for extinction, inferno for optical
-//! depth, greys for radiance.
+//! Array indices increase northwards and eastwards; figures are flipped so that north is up only
+//! when they are drawn. Lengths are in km, extinction in 1/km, radiance in 1/sr. The colour maps
+//! are perceptually uniform: viridis for extinction, inferno for optical depth, greys for radiance.
 
 mod boxes;
 mod page;

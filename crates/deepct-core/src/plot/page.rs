@@ -1,18 +1,18 @@
-//! A page: pixels, lines, letters, and the file they go to.
+//! A page on which pixels, lines and text are drawn and which is written to a file.
 
 use crate::error::{Error, Result};
 use ab_glyph::{Font, FontRef, PxScale, ScaleFont, point};
 use glam::{DVec2, IVec2};
 use std::path::Path;
 
-/// Height of the letters of titles (pixels).
+/// Font size of titles (pixels).
 pub(super) const TITLE: f32 = 28.0;
-/// Height of the letters of labels (pixels).
+/// Font size of labels (pixels).
 pub(super) const LABEL: f32 = 20.0;
-/// Height of the letters at ticks (pixels).
+/// Font size of tick labels (pixels).
 pub(super) const TICK: f32 = 17.0;
 
-/// The longest side of a page (pixels).
+/// Maximum side length of a page (pixels).
 const MAX_SIDE: i32 = 20_000;
 
 /// Red, green and blue.
@@ -37,18 +37,18 @@ impl Frame {
         self.top + self.height
     }
 
-    /// The middle from left to right.
+    /// The horizontal centre.
     pub(super) fn middle(&self) -> i32 {
         self.left + self.width / 2
     }
 
-    /// The middle from top to bottom.
+    /// The vertical centre.
     pub(super) fn half_way(&self) -> i32 {
         self.top + self.height / 2
     }
 }
 
-/// Where a text stands relative to the point it is drawn at.
+/// Position of a text relative to the point at which it is drawn.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Anchor {
     /// Centred above the point.
@@ -67,7 +67,7 @@ pub(super) enum Anchor {
     UpwardsRightOf,
 }
 
-/// A white page to draw on; `x` grows to the right and `y` downwards.
+/// A white page to draw on; `x` increases to the right and `y` downwards.
 pub(super) struct Page {
     width: i32,
     height: i32,
@@ -79,7 +79,7 @@ impl Page {
     /// An empty page.
     ///
     /// # Errors
-    /// A page too large to draw.
+    /// Returns an error if the page is too large.
     pub(super) fn new([width, height]: [i32; 2]) -> Result<Self> {
         if width > MAX_SIDE || height > MAX_SIDE {
             return Err(Error::out_of_range(
@@ -89,11 +89,11 @@ impl Page {
             ));
         }
         let pixels = vec![255; width as usize * height as usize * 3];
-        let font = FontRef::try_from_slice(dejavu::sans::regular()).expect("the font is whole");
+        let font = FontRef::try_from_slice(dejavu::sans::regular()).expect("the font is valid");
         Ok(Self { width, height, pixels, font })
     }
 
-    /// Mix a colour into a pixel; one outside the page is left out.
+    /// Blend a colour into a pixel; pixels outside the page are ignored.
     pub(super) fn mix(&mut self, x: i32, y: i32, colour: Colour, opacity: f64) {
         if (0..self.width).contains(&x) && (0..self.height).contains(&y) {
             let at = 3 * (y as usize * self.width as usize + x as usize);
@@ -104,7 +104,7 @@ impl Page {
         }
     }
 
-    /// Colour the pixels of a frame by their place in it, from its upper left corner.
+    /// Colour the pixels of a frame according to their position relative to its upper left corner.
     pub(super) fn fill(&mut self, frame: Frame, colour: impl Fn(i32, i32) -> Colour) {
         for y in 0..frame.height {
             for x in 0..frame.width {
@@ -113,7 +113,7 @@ impl Page {
         }
     }
 
-    /// A line of one pixel around a frame.
+    /// Draw a border of one pixel around a frame.
     pub(super) fn border(&mut self, frame: Frame) {
         for x in frame.left - 1..=frame.right() {
             self.mix(x, frame.top - 1, BLACK, 1.0);
@@ -125,7 +125,7 @@ impl Page {
         }
     }
 
-    /// A straight line, its edges smooth.
+    /// Draw a straight line with smooth edges.
     pub(super) fn line(&mut self, from: DVec2, to: DVec2, width: f64, colour: Colour) {
         let along = to - from;
         let reach = DVec2::splat(0.5 * width + 1.0);
@@ -147,7 +147,7 @@ impl Page {
         self.advances(text, size).1.ceil() as i32
     }
 
-    /// Where each letter of a text begins, and where the text ends (pixels).
+    /// The start of each letter of a text and the end of the text (pixels).
     fn advances(&self, text: &str, size: f32) -> (Vec<f32>, f32) {
         let font = self.font.as_scaled(PxScale::from(size));
         let mut at = 0.0;
@@ -168,7 +168,7 @@ impl Page {
         let (starts, width) = self.advances(text, size);
         let font = self.font.clone();
         let font = font.as_scaled(PxScale::from(size));
-        // Capitals and digits reach about three quarters up to the ascent.
+        // The height of capitals and digits is about three quarters of the ascent.
         let capital = 0.75 * font.ascent();
         let (start, baseline) = match anchor {
             Anchor::Above | Anchor::UpwardsLeftOf => (-0.5 * width, font.descent()),
@@ -192,11 +192,11 @@ impl Page {
         }
     }
 
-    /// Write the page as a PNG file, to a temporary name first: a run that dies leaves
-    /// no half picture behind.
+    /// Write the page as a PNG file, first under a temporary name, so that an aborted run leaves
+    /// no incomplete file.
     ///
     /// # Errors
-    /// A folder that does not exist or cannot be written.
+    /// Returns an error if the folder does not exist or cannot be written to.
     pub(super) fn write(&self, path: &Path) -> Result<()> {
         let mut encoded = Vec::new();
         let encoder = image::codecs::png::PngEncoder::new(&mut encoded);
@@ -213,7 +213,7 @@ impl Page {
 mod tests {
     use super::*;
 
-    /// The frame of what is not white.
+    /// The smallest frame that contains all dark pixels.
     fn inked(page: &Page) -> Frame {
         let dark = |x: i32, y: i32| page.pixels[3 * (y * page.width + x) as usize] < 128;
         let points: Vec<_> = (0..page.height)
@@ -252,7 +252,7 @@ mod tests {
         let ink: f64 =
             page.pixels.iter().step_by(3).map(|&value| 1.0 - f64::from(value) / 255.0).sum();
         let length = 70.0_f64.hypot(50.0);
-        // The round ends add the area of a circle at most.
+        // The round ends add at most the area of a circle.
         assert!(ink > 3.0 * length - 1.0 && ink < 3.0 * length + 9.0, "{ink} {length}");
     }
 

@@ -1,4 +1,4 @@
-//! A panel: a map of values in colour with axes, and its colour bar.
+//! A panel: a colour map of values with axes, and its colour bar.
 
 use super::page::{Anchor, BLACK, Colour, Frame, LABEL, Page, TICK};
 use colorous::Gradient;
@@ -6,7 +6,7 @@ use glam::DVec2;
 use ndarray::ArrayView2;
 use std::ops::Range;
 
-/// The colours of values from zero to `high`.
+/// The colour scale of values from zero to `high`.
 #[derive(Clone, Copy)]
 pub(super) struct ColourScale {
     gradient: Gradient,
@@ -16,12 +16,12 @@ pub(super) struct ColourScale {
 }
 
 impl ColourScale {
-    /// Colours from zero to `high`; to 1 where there is nothing to show.
+    /// A colour scale from zero to `high`, or to 1 if `high` is not positive.
     pub(super) fn new(gradient: Gradient, high: f64) -> Self {
         Self { gradient, high: if high > 0.0 { high } else { 1.0 }, reversed: false }
     }
 
-    /// The same with the colours in the opposite order.
+    /// The same scale with the colours in reverse order.
     pub(super) fn reversed(self) -> Self {
         Self { reversed: !self.reversed, ..self }
     }
@@ -34,7 +34,7 @@ impl ColourScale {
     }
 }
 
-/// An axis of a panel: what it shows, and from where to where.
+/// The label and range of an axis of a panel.
 #[derive(Clone)]
 pub(super) struct PanelAxis {
     pub(super) label: &'static str,
@@ -52,14 +52,14 @@ pub(super) struct Panel<'a> {
 }
 
 impl Panel<'_> {
-    /// Draw the map into `frame`, the labels outside it.
+    /// Draw the map into `frame` and the labels outside it.
     pub(super) fn draw(&self, page: &mut Page, frame: Frame) {
         draw_map(page, frame, self.values.dim(), |at| self.scale.colour(self.values[at]));
         draw_axes(page, frame, &self.title, &self.right, &self.up);
     }
 }
 
-/// Fill `frame` with `rows` times `cols` cells, the first row at the bottom.
+/// Fill `frame` with `rows` x `cols` cells, the first row at the bottom.
 pub(super) fn draw_map(
     page: &mut Page,
     frame: Frame,
@@ -73,7 +73,7 @@ pub(super) fn draw_map(
     page.border(frame);
 }
 
-/// Frame, ticks, numbers, labels and title around a panel.
+/// Draw the frame, ticks, tick labels, axis labels and title of a panel.
 pub(super) fn draw_axes(
     page: &mut Page,
     frame: Frame,
@@ -100,21 +100,21 @@ pub(super) fn draw_axes(
     page.text(title, LABEL, Anchor::Above, frame.middle(), frame.top - 6);
 }
 
-/// A bar of all colours of a scale.
+/// The colour bar of a scale.
 pub(super) struct ColourBar<'a> {
     pub(super) scale: ColourScale,
     pub(super) label: &'a str,
-    /// Values on the scale and the numbers that stand there.
+    /// Values on the scale and their tick labels.
     pub(super) numbers: Vec<(f64, String)>,
 }
 
 impl<'a> ColourBar<'a> {
-    /// A bar of a linear scale, to be drawn `height` pixels high.
+    /// The colour bar of a linear scale, to be drawn with a height of `height` pixels.
     pub(super) fn linear(scale: ColourScale, label: &'a str, height: i32) -> Self {
         Self { scale, label, numbers: ticks(&(0.0..scale.high), (height / 40).min(8)) }
     }
 
-    /// Draw the bar into `frame`, numbers and label to its right.
+    /// Draw the bar into `frame`, with tick labels and label to its right.
     pub(super) fn draw(&self, page: &mut Page, frame: Frame) {
         page.fill(frame, |_, y| {
             let share = (f64::from(frame.height - y) - 0.5) / f64::from(frame.height);
@@ -138,8 +138,8 @@ fn tick(page: &mut Page, (x, y): (i32, i32), (dx, dy): (i32, i32)) {
     page.line(from, from + DVec2::new(f64::from(dx), f64::from(dy)), 1.0, BLACK);
 }
 
-/// Round numbers in a range, at most `most` of them but at least two, as values and
-/// as text with the decimals that they need.
+/// Round numbers in a range for ticks, as values and as text with the required number of decimals.
+/// They divide the range into at most `max(most, 2)` intervals.
 pub(super) fn ticks(range: &Range<f64>, most: i32) -> Vec<(f64, String)> {
     let length = range.end - range.start;
     let rough = length / f64::from(most.max(2));

@@ -1,4 +1,4 @@
-//! The scatter plot of an estimate against the truth.
+//! Scatter plot of an estimate against the truth.
 
 use super::page::{Anchor, Colour, Frame, Page, TITLE};
 use super::panel::{ColourBar, ColourScale, PanelAxis, draw_axes, draw_map};
@@ -9,18 +9,18 @@ use glam::DVec2;
 use ndarray::Array2;
 use std::path::Path;
 
-/// Cells of the plot along each axis.
+/// Number of cells of the plot along each axis.
 const CELLS: usize = 75;
 const WHITE: Colour = [255, 255, 255];
 const RED: Colour = [220, 20, 30];
 
-/// Draw the estimated against the true extinction as a PNG file: the number of voxels
-/// in each cell of the plane, on a logarithmic scale, and the red line of a perfect
-/// reconstruction, as in the paper (Sde-Chen et al. 2021, figure 6).
+/// Draw the estimated against the true extinction as a PNG file, as in Sde-Chen et al. (2021,
+/// figure 6). Colours show the number of voxels in each cell on a logarithmic scale; a red line
+/// marks a perfect reconstruction.
 ///
 /// # Errors
-/// Volumes on different grids, negative or non-finite values, an empty truth, a file
-/// that cannot be written.
+/// Returns an error if the volumes are on different grids, if values are negative or not finite,
+/// if the truth is empty, or if the file cannot be written.
 pub fn scatter_figure(
     path: impl AsRef<Path>,
     truth: &Volume,
@@ -36,7 +36,7 @@ pub fn scatter_figure(
     page.write(path.as_ref())
 }
 
-/// Draw the plot into `frame`, its colour bar to the right.
+/// Draw the plot into `frame` with the colour bar to its right.
 pub(super) fn draw_scatter(page: &mut Page, frame: Frame, truth: &Volume, estimate: &Volume) {
     let both = truth.values.iter().chain(&estimate.values);
     let greatest = f64::from(both.copied().fold(0.0, f32::max)).max(f64::MIN_POSITIVE);
@@ -61,14 +61,14 @@ pub(super) fn draw_scatter(page: &mut Page, frame: Frame, truth: &Volume, estima
     ColourBar { scale, label: "voxels", numbers }.draw(page, bar);
 }
 
-/// The scores, where the truth is not empty.
+/// The scores; empty if the truth is empty.
 fn caption(truth: &Volume, estimate: &Volume) -> String {
     score(truth, estimate).map_or(String::new(), |scores| {
         format!("\u{3b5} = {:.3}, \u{3b4} = {:.3}", scores.relative_error, scores.mass_error)
     })
 }
 
-/// Voxels by estimate (row) and truth (column), both from zero to `greatest`.
+/// The number of voxels by estimate (row) and truth (column), both from zero to `greatest`.
 fn count_voxels(truth: &Volume, estimate: &Volume, greatest: f64) -> Array2<u32> {
     let mut counts = Array2::zeros((CELLS, CELLS));
     let cell = |value: f32| ((f64::from(value) / greatest * CELLS as f64) as usize).min(CELLS - 1);
@@ -78,7 +78,10 @@ fn count_voxels(truth: &Volume, estimate: &Volume, greatest: f64) -> Array2<u32>
     counts
 }
 
-/// An error unless the two volumes can be shown side by side.
+/// Check that two volumes can be compared.
+///
+/// # Errors
+/// Returns an error if the volumes are on different grids or if values are negative or not finite.
 pub(super) fn check_pair(truth: &Volume, estimate: &Volume) -> Result<()> {
     truth.check_non_negative("true extinction")?;
     estimate.check_non_negative("extinction")?;
@@ -89,7 +92,7 @@ pub(super) fn check_pair(truth: &Volume, estimate: &Volume) -> Result<()> {
         "grids of truth and estimate",
         format!("{:?}", truth.grid),
         format!("{:?}", estimate.grid),
-        "bring both to one grid before they are drawn",
+        "resample both to the same grid",
     ))
 }
 

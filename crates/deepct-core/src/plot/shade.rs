@@ -1,5 +1,5 @@
-//! A solid picture of a volume: seen from the south-west and from above, along
-//! parallel rays through a coloured fog whose density follows the extinction.
+//! Volume rendering: a view from the south-west and above along parallel rays through a coloured
+//! medium whose opacity is proportional to the extinction.
 
 use super::page::{Anchor, Colour, Frame, Page, TICK};
 use super::panel::ColourScale;
@@ -8,21 +8,21 @@ use crate::math::{DVec3, towards};
 use glam::DVec2;
 use rayon::prelude::*;
 
-/// Angle of the viewer from +z (radians).
+/// Zenith angle of the viewer (radians).
 const ZENITH: f64 = 1.13;
-/// Azimuth of the viewer, clockwise from north (radians): south-west, nearer to south.
+/// Azimuth of the viewer, clockwise from north (radians): south-south-west.
 const AZIMUTH: f64 = 3.54;
-/// Optical depth of the fog across the grid's diagonal, were it filled with the
+/// Optical depth of the rendered medium along the diagonal of a grid that is filled with the
 /// extinction at the top of the colour scale.
 const FOG_DEPTH: f64 = 40.0;
-/// Steps of a ray along the shortest side of a voxel.
+/// Number of steps of a ray along the shortest side of a voxel.
 const STEPS_PER_VOXEL: f64 = 2.0;
-/// Share of a surface's brightness that does not depend on its slope.
+/// Fraction of the brightness of a surface that does not depend on its orientation.
 const AMBIENT: f64 = 0.6;
-/// The colour of the grid's edges.
+/// The colour of the edges of the grid.
 const GREY: Colour = [150, 150, 150];
 
-/// Where the viewer stands, and how points become pixels.
+/// The position of the viewer and the projection of points to pixels.
 struct Viewpoint {
     towards: DVec3,
     right: DVec3,
@@ -33,7 +33,7 @@ struct Viewpoint {
 }
 
 impl Viewpoint {
-    /// The whole grid in the frame, from whatever side.
+    /// A viewpoint from which the whole grid fits in the frame.
     fn new(grid: &Grid, frame: Frame) -> Self {
         let towards = towards(ZENITH, AZIMUTH);
         let right = DVec3::Z.cross(towards).normalize();
@@ -46,13 +46,13 @@ impl Viewpoint {
         Self { towards, right, up, center: grid.center(), middle, pixels_per_km }
     }
 
-    /// Where a point falls on the page.
+    /// The position of a point on the page (pixels).
     fn pixel(&self, point: DVec3) -> DVec2 {
         let offset = self.pixels_per_km * (point - self.center);
         self.middle + DVec2::new(offset.dot(self.right), -offset.dot(self.up))
     }
 
-    /// The point that a pixel shows in the plane through the grid's centre.
+    /// The point of a pixel in the plane through the centre of the grid normal to the rays.
     fn point(&self, x: i32, y: i32) -> DVec3 {
         let right = (f64::from(x) + 0.5 - self.middle.x) / self.pixels_per_km;
         let up = (self.middle.y - f64::from(y) - 0.5) / self.pixels_per_km;
@@ -60,7 +60,7 @@ impl Viewpoint {
     }
 }
 
-/// Draw the picture into `frame`: the far sides of the grid, then the fog.
+/// Draw the rendering into `frame`: first the far edges of the grid, then the medium.
 pub(super) fn draw_solid(page: &mut Page, frame: Frame, volume: &Volume, scale: ColourScale) {
     let viewpoint = Viewpoint::new(&volume.grid, frame);
     draw_far_edges(page, &volume.grid, &viewpoint);
@@ -73,22 +73,22 @@ pub(super) fn draw_solid(page: &mut Page, frame: Frame, volume: &Volume, scale: 
         .collect();
     for (line, y) in lines.into_iter().zip(frame.top..) {
         for (seen, x) in line.into_iter().zip(frame.left..).filter(|(seen, _)| seen.opacity > 0.0) {
-            // The colour was gathered with its opacity: take that out again, as the
-            // page mixes it with what is behind.
+            // The accumulated colour is weighted with the opacity. Divide by the opacity, because
+            // the page applies it when it blends the colour with the background.
             let colour = seen.colour.map(|channel| (channel / seen.opacity).round() as u8);
             page.mix(x, y, colour, seen.opacity);
         }
     }
 }
 
-/// What a ray has gathered.
+/// The colour and opacity accumulated along a ray.
 #[derive(Clone, Copy, Default)]
 struct Seen {
     colour: [f64; 3],
     opacity: f64,
 }
 
-/// Gather colour and opacity along the line of sight through `point`.
+/// Accumulate colour and opacity along the line of sight through `point`.
 fn march(volume: &Volume, point: DVec3, viewpoint: &Viewpoint, scale: ColourScale) -> Seen {
     let grid = &volume.grid;
     let diagonal = grid.extent().length();
@@ -115,7 +115,8 @@ fn march(volume: &Volume, point: DVec3, viewpoint: &Viewpoint, scale: ColourScal
     seen
 }
 
-/// How bright a surface of equal extinction is, lit from above and left of the viewer.
+/// The brightness of a surface of constant extinction, lit from above and to the left of the
+/// viewer.
 fn brightness(volume: &Volume, at: DVec3, viewpoint: &Viewpoint) -> f64 {
     let spacing = volume.grid.spacing;
     let slope = |axis: DVec3| {
@@ -126,7 +127,7 @@ fn brightness(volume: &Volume, at: DVec3, viewpoint: &Viewpoint) -> f64 {
     AMBIENT + (1.0 - AMBIENT) * (-gradient.normalize_or_zero().dot(light)).max(0.0)
 }
 
-/// The value between voxel centres; zero outside the grid.
+/// The trilinearly interpolated value between voxel centres; zero outside the grid.
 fn trilinear(volume: &Volume, point: DVec3) -> f64 {
     let at = (point - volume.grid.origin) / volume.grid.spacing - 0.5;
     let low = at.floor();
@@ -149,8 +150,8 @@ fn trilinear(volume: &Volume, point: DVec3) -> f64 {
     sum
 }
 
-/// Draw the edges of the grid but for the three that meet nearest to the viewer, and
-/// say where north and east are.
+/// Draw the edges of the grid, except the three that meet at the corner nearest to the viewer, and
+/// label the axes with their lengths.
 fn draw_far_edges(page: &mut Page, grid: &Grid, viewpoint: &Viewpoint) {
     let corner = |bits: usize| {
         let side = DVec3::new((bits & 1) as f64, (bits >> 1 & 1) as f64, (bits >> 2) as f64);
@@ -170,7 +171,7 @@ fn draw_far_edges(page: &mut Page, grid: &Grid, viewpoint: &Viewpoint) {
             }
         }
     }
-    // The lengths, at the middles of edges that nothing is in front of.
+    // Draw the lengths at the centres of unobstructed edges.
     let edge = |x: f64, y: f64, z: f64| grid.lower() + DVec3::new(x, y, z) * grid.extent();
     for (middle, text, anchor) in [
         (edge(0.5, 0.0, 0.0), format!("x {:.1} km", grid.extent().x), Anchor::Below),

@@ -6,24 +6,24 @@ use crate::error::{Error, Result};
 use crate::image::ViewStack;
 use std::path::Path;
 
-/// The least side of an image on the page (pixels): smaller ones are enlarged by a
-/// whole number.
+/// Minimum length of the longer side of an image on the page (pixels). Smaller images are enlarged
+/// by an integer factor.
 const LEAST_SIDE: usize = 176;
-/// Between images.
+/// Distance between images (pixels).
 const GAP: i32 = 20;
-/// Room for a line of an image's label.
+/// Height of a line of the label of an image (pixels).
 const LINE: i32 = 20;
-/// Room for the title and the line below it.
+/// Height of the title and the line below it (pixels).
 const HEAD: i32 = 96;
-/// Room for the colour bar with its numbers and label.
+/// Width of the colour bar with its numbers and label (pixels).
 const BAR: i32 = 130;
 
-/// Draw all images as one PNG file, north up and east to the right, in one scale of
-/// grey from zero to the brightest pixel. Each has its label above it; a label may
-/// have several lines.
+/// Draw all images in one PNG file, with north up and east to the right, on a common grey scale
+/// from zero to the brightest pixel. The label of each image is drawn above it and may have
+/// several lines.
 ///
 /// # Errors
-/// When there is not one label per image; a file that cannot be written.
+/// Returns an error if there is not one label per image or if the file cannot be written.
 pub fn contact_sheet(
     path: impl AsRef<Path>,
     images: &ViewStack,
@@ -42,7 +42,7 @@ pub fn contact_sheet(
     let lines = labels.iter().map(|label| label.lines().count()).max().unwrap_or(0) as i32;
     let zoom = LEAST_SIDE.div_ceil(rows.max(cols));
     let (width, height) = ((cols * zoom) as i32, (rows * zoom) as i32);
-    // About twice as wide as high.
+    // The page is about twice as wide as high.
     let across = (views as f64 * 2.0).sqrt().ceil().min(views as f64) as i32;
     let down = (views as i32 + across - 1) / across;
     let cell = (width + GAP, height + GAP + lines * LINE);
@@ -71,7 +71,7 @@ pub fn contact_sheet(
     page.write(path.as_ref())
 }
 
-/// Write the lines of a label above a point.
+/// Draw the lines of a label above a point.
 fn draw_label(page: &mut Page, label: &str, x: i32, bottom: i32) {
     for (number, line) in label.lines().rev().enumerate() {
         page.text(line, TICK, Anchor::Above, x, bottom - 4 - number as i32 * LINE);

@@ -1,5 +1,5 @@
-//! The figure of a volume: slices, projections, solid pictures and, where the truth is
-//! known, a scatter plot.
+//! The figure of a volume: slices, projections, volume renderings and, if the truth is known, a
+//! scatter plot.
 
 use super::page::{Anchor, Frame, LABEL, Page, TITLE};
 use super::panel::{ColourBar, ColourScale, Panel, PanelAxis};
@@ -10,28 +10,28 @@ use crate::grid::{Grid, Volume};
 use ndarray::{Array2, Axis};
 use std::path::Path;
 
-/// Left of a panel: its numbers and label (pixels).
+/// Space to the left of a panel for its tick labels and axis label (pixels).
 const LEFT: i32 = 84;
-/// Above a panel: its title.
+/// Space above a panel for its title (pixels).
 const ABOVE: i32 = 44;
-/// Below a panel: its numbers and label.
+/// Space below a panel for its tick labels and axis label (pixels).
 const BELOW: i32 = 62;
-/// Right of the last panel: the colour bar with its numbers and label.
+/// Space to the right of the last panel for the colour bar with its labels (pixels).
 const BAR: i32 = 130;
-/// The page's title.
+/// Space for the title of the page (pixels).
 const HEAD: i32 = 70;
-/// Length of the longest horizontal side of the grid on the page.
+/// Length of the longest horizontal side of the grid on the page (pixels).
 const LONGEST: f64 = 300.0;
-/// The least height of a vertical section: one of a flat field is stretched.
+/// Minimum side length of a panel (pixels). The vertical sections of a flat field are stretched.
 const LEAST_HEIGHT: i32 = 90;
 
-/// Draw a volume as a PNG file: three slices through its greatest value, the optical
-/// depth along each axis and a solid picture. With the truth every picture of it is
-/// beside that of the estimate, in the same colours, and a scatter plot of the two.
+/// Draw a volume as a PNG file: three slices through its maximum, the optical depth along each
+/// axis and a volume rendering. If the truth is given, its panels are shown in addition with the
+/// same colour scales, together with a scatter plot.
 ///
 /// # Errors
-/// Volumes on different grids, negative or non-finite values, a file that cannot be
-/// written.
+/// Returns an error if the volumes are on different grids, if values are negative or not finite,
+/// or if the file cannot be written.
 pub fn volume_figure(
     path: impl AsRef<Path>,
     estimate: &Volume,
@@ -52,7 +52,7 @@ pub fn volume_figure(
     page.write(path)
 }
 
-/// A volume and what it is; nothing is said of one that stands alone.
+/// A volume and its name, which is empty for a single volume.
 struct Row<'a> {
     name: &'static str,
     volume: &'a Volume,
@@ -64,7 +64,7 @@ impl Row<'_> {
     }
 }
 
-/// The sections of a grid: horizontal, west to east and south to north.
+/// The sections of a grid: horizontal, west-east and south-north.
 #[derive(Clone, Copy)]
 enum Section {
     Map,
@@ -75,7 +75,7 @@ enum Section {
 const SECTIONS: [Section; 3] = [Section::Map, Section::EastWest, Section::NorthSouth];
 
 impl Section {
-    /// The array axis that is cut through or summed along.
+    /// The array axis normal to the section, along which optical depth is summed.
     fn axis(self) -> Axis {
         match self {
             Self::Map => Axis(0),
@@ -84,7 +84,7 @@ impl Section {
         }
     }
 
-    /// The axes of the panel, to the right and up.
+    /// The horizontal and vertical axes of the panel.
     fn panel_axes(self, grid: &Grid) -> [PanelAxis; 2] {
         let (lower, upper) = (grid.lower(), grid.upper());
         let x = PanelAxis { label: "x, east (km)", range: lower.x..upper.x };
@@ -98,13 +98,13 @@ impl Section {
     }
 }
 
-/// The figure laid out.
+/// The layout of the figure.
 struct Figure<'a> {
     rows: &'a [Row<'a>],
     grid: Grid,
-    /// The voxel `[k, j, i]` that the slices go through.
+    /// The voxel `[k, j, i]` through which the slices are taken.
     through: [usize; 3],
-    /// Size of each section's panel on the page.
+    /// Size of the panel of each section on the page (pixels).
     sizes: [[i32; 2]; 3],
 }
 
@@ -118,12 +118,12 @@ impl<'a> Figure<'a> {
         Self { rows, grid, through: greatest(rows[0].volume), sizes: [[x, y], [x, z], [y, z]] }
     }
 
-    /// Height of a row of sections with all that is around it.
+    /// Height of a row of sections including titles and labels.
     fn row_height(&self) -> i32 {
         ABOVE + self.sizes.iter().map(|size| size[1]).max().unwrap_or(0) + BELOW
     }
 
-    /// Side of a solid picture and of the scatter plot: they share the page's width.
+    /// Side length of a volume rendering and of the scatter plot, which share the page width.
     fn solid_side(&self) -> i32 {
         (self.width() - BAR - 3 * LEFT) / 3
     }
@@ -153,7 +153,7 @@ impl<'a> Figure<'a> {
         self.draw_solids(page, top, extinction);
     }
 
-    /// The colours of extinction: common to all volumes.
+    /// The colour scale of extinction, common to all volumes.
     fn extinction_scale(&self) -> ColourScale {
         let values = self.rows.iter().flat_map(|row| &row.volume.values);
         ColourScale::new(colorous::VIRIDIS, f64::from(values.copied().fold(0.0, f32::max)))
@@ -184,7 +184,7 @@ impl<'a> Figure<'a> {
         self.draw_sections(page, top, &panels, (scale, "optical depth"));
     }
 
-    /// The colours of optical depth: common to all volumes and directions.
+    /// The colour scale of optical depth, common to all volumes and directions.
     fn depth_scale(&self) -> ColourScale {
         let depths = self.rows.iter().flat_map(|row| {
             SECTIONS.map(|section| optical_depth(row.volume, section).fold(0.0, |a, &b| b.max(a)))
@@ -192,7 +192,7 @@ impl<'a> Figure<'a> {
         ColourScale::new(colorous::INFERNO, depths.fold(0.0, f64::max))
     }
 
-    /// Draw the three sections side by side, standing on one line, and a colour bar.
+    /// Draw the three sections side by side, aligned at the bottom, and a colour bar.
     fn draw_sections(
         &self,
         page: &mut Page,
@@ -215,7 +215,7 @@ impl<'a> Figure<'a> {
         ColourBar::linear(scale, label, height).draw(page, frame);
     }
 
-    /// Draw the solid pictures and, where there are two volumes, the scatter plot.
+    /// Draw the volume renderings and, if there are two volumes, the scatter plot.
     fn draw_solids(&self, page: &mut Page, top: i32, scale: ColourScale) {
         let side = self.solid_side();
         let slot = |number: i32| Frame {
@@ -224,7 +224,7 @@ impl<'a> Figure<'a> {
             width: side,
             height: side,
         };
-        // One alone stands in the middle.
+        // A single volume is drawn in the middle.
         let slots = if self.rows.len() == 1 { [1, 1] } else { [0, 1] };
         for (row, number) in self.rows.iter().zip(slots) {
             let frame = slot(number);
@@ -238,7 +238,7 @@ impl<'a> Figure<'a> {
     }
 }
 
-/// The voxel of the greatest value, the first one of equals.
+/// The voxel with the maximum value; the first if there are several.
 fn greatest(volume: &Volume) -> [usize; 3] {
     let mut best = ([0; 3], f32::NEG_INFINITY);
     for ((k, j, i), &value) in volume.values.indexed_iter() {
@@ -249,7 +249,7 @@ fn greatest(volume: &Volume) -> [usize; 3] {
     best.0
 }
 
-/// The optical depth across the whole grid along the axis that a section leaves out.
+/// The optical depth across the whole grid along the axis normal to the section.
 fn optical_depth(volume: &Volume, section: Section) -> Array2<f64> {
     let spacing = volume.grid.spacing;
     let step = match section {

@@ -374,8 +374,14 @@ impl Light {
         let table: LightTable = table.try_into().map_err(|problem: toml::de::Error| {
             let given: Vec<_> =
                 values.iter().map(|(key, value)| format!("{key} = {value}")).collect();
-            let problem = problem.message().replace('\n', " ");
-            let range = format!("as `deepct config light` prints it: {problem}");
+            let nested = |key: &&String| KEYS.contains(&&*format!("optics.{key}"));
+            let range = match values.keys().find(nested) {
+                Some(key) => format!("given with optics.{key} in place of {key}"),
+                None => {
+                    let problem = problem.message().replace('\n', " ");
+                    format!("as printed by `deepct config light`: {problem}")
+                }
+            };
             Error::out_of_range("light", given.join(", "), range)
         })?;
         table.try_into()

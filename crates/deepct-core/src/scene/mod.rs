@@ -175,6 +175,7 @@ impl Observation {
             views: self.geometry(),
             target_km: target(&self.views)?.to_array(),
             wavelength_um: self.light.wavelength,
+            solar_irradiance: self.light.sun.irradiance,
         })
     }
 }

@@ -35,11 +35,11 @@ const MEASURED: f32 = 0.7;
 const SUN_ZENITH_DEG: f64 = 30.0;
 
 pub(super) fn run(mut report: Report, reference: Option<&Path>) -> Result<()> {
+    super::photon_gradients::run(&mut report)?;
     let thorough = report.effort.relative_error.is_some();
     let zenith_angles = if thorough { 8 } else { 4 };
     let blob = Case { name: "blob", cloud: blob()?, pixel_km: 0.05, zenith_angles };
     blob.compare(&mut report)?;
-    super::photon_gradients::run(&mut report)?;
     #[cfg(feature = "files")]
     if let Some(folder) = reference {
         let cloud = crate::io::read_volume(folder.join("rico32_cloud.nc"))?;

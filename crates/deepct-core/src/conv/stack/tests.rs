@@ -234,7 +234,7 @@ fn layers_and_slices_that_do_not_fit_are_refused() {
     assert!(run(&small, 32, 47).is_err());
     let other = stack(&layers(&[2, 5, 3]), settings);
     let error = run(&other, 32, 48).unwrap_err().to_string();
-    assert!(error.contains("take the scratch from the stack that runs"), "{error}");
+    assert!(error.contains("use the scratch memory of the same stack"), "{error}");
     assert!(small.scratch([1, 0, 4]).is_err());
     assert!(small.scratch([1, usize::MAX, 2]).is_err());
 }

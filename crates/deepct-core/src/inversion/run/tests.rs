@@ -168,7 +168,7 @@ fn an_inversion_goes_on_where_it_was_stopped() {
     let settings = InversionSettings { iterations: 9, coarse_iterations: 5, ..settings() };
     let start = Start::Constant(1.0);
     let whole = invert(&problem, &mut models, &start, &settings, &()).unwrap();
-    for stop_after in [3, 11] {
+    for stop_after in [0, 3, 6, 11] {
         let keeper = Keeper { stop_after, kept: RefCell::default() };
         let part = invert(&problem, &mut models, &start, &settings, &keeper).unwrap();
         assert!(part.ending == Ending::Interrupted && part.history.len() == stop_after + 1);
@@ -177,6 +177,7 @@ fn an_inversion_goes_on_where_it_was_stopped() {
         assert_eq!(rest.extinction, whole.extinction);
         assert_eq!(rest.ending, whole.ending);
         assert_eq!(rest.history.len(), whole.history.len());
+        assert!(rest.history.iter().all(|record| record.misfit.is_finite()));
     }
 }
 

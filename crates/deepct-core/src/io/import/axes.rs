@@ -1,4 +1,4 @@
-//! The axes of a simulation's variables, and the part of them that is read.
+//! The axes of the variables of a simulation, and the part of them that is read.
 
 use crate::error::Result;
 use crate::grid::Grid;
@@ -6,7 +6,7 @@ use crate::io::netcdf::{Input, Variable};
 use ndarray::{Array3, Axis, Slice};
 use std::ops::Range;
 
-/// What an axis of a variable is.
+/// The physical dimension of an axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Kind {
     Time,
@@ -15,14 +15,14 @@ pub(super) enum Kind {
     X,
 }
 
-/// Which axes of a variable are which.
+/// The kinds and names of the axes of a variable.
 pub(super) struct Layout {
     kinds: Vec<Kind>,
     names: Vec<String>,
 }
 
-/// The part of a file that is read: a time, levels, and columns in up to two pieces
-/// along each side.
+/// The part of a file that is read: a time, levels, and columns in up to two pieces along each
+/// horizontal axis.
 pub(super) struct Window {
     pub(super) time: usize,
     pub(super) levels: Range<usize>,
@@ -53,7 +53,7 @@ impl Layout {
         match [Kind::Z, Kind::Y, Kind::X].iter().find(|kind| !layout.kinds.contains(kind)) {
             None => Ok(layout),
             Some(kind) => {
-                Err(variable.error(format!("has no axis {kind:?}"), "name a variable in 3D"))
+                Err(variable.error(format!("has no axis {kind:?}"), "give a 3D variable"))
             }
         }
     }
@@ -62,7 +62,7 @@ impl Layout {
         self.kinds.iter().position(|known| *known == kind)
     }
 
-    /// The name of an axis that is there.
+    /// The name of an axis; empty if there is no such axis.
     pub(super) fn name(&self, kind: Kind) -> &str {
         self.place(kind).map_or("", |place| self.names[place].as_str())
     }
@@ -72,7 +72,7 @@ impl Layout {
         if time < times {
             return Ok(time);
         }
-        let problem = format!("has {times} times, and number {time} was asked for");
+        let problem = format!("has {times} times, but number {time} was requested");
         Err(variable.error(problem, &format!("choose --time from 0 to {}", times - 1)))
     }
 
@@ -120,11 +120,12 @@ impl Layout {
             .filter_map(|kind| kinds.iter().position(|known| known == kind))
             .collect();
         let values = values.permuted_axes(order).as_standard_layout().to_owned();
-        Ok(values.into_dimensionality().expect("time, z, y and x were told apart"))
+        Ok(values.into_dimensionality().expect("time, z, y and x were distinguished"))
     }
 }
 
-/// What a dimension is: by its attribute `axis`, its standard name or its own name.
+/// The kind of a dimension according to the attribute `axis` or the standard name of its
+/// coordinate variable, or according to the name of the dimension.
 pub(super) fn kind_of(input: &Input, name: &str) -> Option<Kind> {
     let coordinate = input.variable(name).ok();
     let text = |attribute| coordinate.as_ref().and_then(|axis| axis.text(attribute));
@@ -153,8 +154,8 @@ pub(super) fn kind_of(input: &Input, name: &str) -> Option<Kind> {
     }
 }
 
-/// The levels of a file that the grid can see: those that it overlaps, and one more on
-/// either side for interpolation.
+/// The levels of a file that the grid requires: those that it overlaps, and one more on either
+/// side for interpolation.
 pub(super) fn levels_within(z_edges: &[f64], grid: &Grid) -> Range<usize> {
     let count = z_edges.len() - 1;
     let first = z_edges.partition_point(|edge| *edge <= grid.lower().z).saturating_sub(2);
@@ -162,7 +163,7 @@ pub(super) fn levels_within(z_edges: &[f64], grid: &Grid) -> Range<usize> {
     first.min(count - 1)..last.clamp(1, count)
 }
 
-/// The ranges of `0..length` that `count` cells from `start` cover, wrapping once.
+/// The ranges of `0..length` that `count` cells from `start` on cover, wrapping at most once.
 pub(super) fn pieces(start: usize, count: usize, length: usize) -> Vec<Range<usize>> {
     let end = start + count;
     let both = [start..end.min(length), 0..end.saturating_sub(length)];

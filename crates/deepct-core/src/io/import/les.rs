@@ -1,5 +1,5 @@
-//! Large-eddy simulations in netCDF-4: names, units and axes by CF conventions, and by
-//! the customs of the common codes where a file does not follow them.
+//! Import of large-eddy simulations in netCDF-4. Names, units and axes are identified by CF
+//! conventions, or by the customary names of common codes if a file does not follow them.
 
 use super::axes::{Kind, Layout, Window, kind_of, levels_within, pieces};
 use super::{Crop, DROPLETS_PER_CM3, ImportSettings, edges_of, grid_over};
@@ -12,35 +12,36 @@ use crate::io::netcdf::{Input, Variable, edge_and_spacing, kilometres};
 use ndarray::Array3;
 use std::path::Path;
 
-/// Names of cloud liquid water, by custom.
+/// Customary names of cloud liquid water.
 const WATER_NAMES: [&str; 11] =
     ["lwc", "clwc", "ql", "qc", "qn", "qcloud", "cldliq", "qcl", "rl", "rc", "ql_3d"];
-/// Names of the density of air.
+/// Customary names of the density of air.
 const DENSITY_NAMES: [&str; 7] = ["rho", "density", "rhoref", "rhobf", "rho0", "dn0", "rho_ref"];
-/// Names of the effective radius.
+/// Customary names of the effective radius.
 const RADIUS_NAMES: [&str; 4] = ["reff", "re", "rel", "effective_radius"];
 
-/// Names of the bins of a droplet spectrum without their numbers, which begin with 01:
-/// those of WRF's spectral bin microphysics (Khain et al. 2004).
+/// Names of the bins of a droplet spectrum without their numbers, which start at 01: those of the
+/// spectral bin microphysics of WRF (Khain et al. 2004).
 const BIN_NAMES: [&str; 2] = ["ff1i", "FF1I"];
 /// The radius of the first bin (um).
 const FIRST_BIN: f64 = 2.0;
 
-/// Negative water down to this (g/m3) is what advection and packing leave behind, and
-/// counts as none.
+/// Negative liquid water contents of up to this magnitude (g/m3) result from advection and packing
+/// and are set to zero.
 const UNDERSHOOT: f32 = 1e-3;
 
-/// Read one time of a simulation. Only the wanted part of the file is read.
+/// Read one time of a simulation. Only the required part of the file is read.
 ///
-/// Liquid water is found by its CF `standard_name`, by a customary name or by its
-/// `long_name`; a mixing ratio needs the density of air, from the file or the settings.
-/// Radii come from the file or from the number of droplets. A file with a droplet
-/// spectrum in bins, each a variable of its own with its water, has all of it in there.
+/// Liquid water is identified by its CF `standard_name`, by a customary name or by its
+/// `long_name`. A mixing ratio requires the density of air, from the file or the settings.
+/// Effective radii are read from the file or derived from the droplet number concentration. If
+/// the file contains a binned droplet spectrum, with the water of each bin in a separate variable,
+/// liquid water content and effective radius are derived from it.
 ///
 /// # Errors
-/// A file that is missing or damaged; no liquid water, or in units unknown here; axes
-/// that cannot be told apart; a time or crop outside the file; negative or missing
-/// water.
+/// Returns an error if the file is missing or damaged; if there is no liquid water or its units
+/// are not supported; if the axes cannot be identified; if the time or crop is outside the file;
+/// or if liquid water is negative or missing.
 pub fn read_les(path: impl AsRef<Path>, settings: &ImportSettings) -> Result<Cloud> {
     let path = path.as_ref();
     let input = Input::open(path)?;
@@ -90,8 +91,8 @@ pub fn read_les(path: impl AsRef<Path>, settings: &ImportSettings) -> Result<Clo
     resample_droplets(&droplets, edges, &grid)
 }
 
-/// The names of the bins of a droplet spectrum, in order; none where the file has none, or
-/// where something else is wanted of it.
+/// The names of the bins of a droplet spectrum, in order. The list is empty if the file has none,
+/// or if the settings specify a variable or a droplet number concentration.
 fn find_bins(input: &Input, settings: &ImportSettings) -> Vec<String> {
     if settings.variable.is_some() || settings.droplets_per_cm3.is_some() {
         return Vec::new();
@@ -103,7 +104,7 @@ fn find_bins(input: &Input, settings: &ImportSettings) -> Vec<String> {
     BIN_NAMES.into_iter().map(bins).find(|bins| !bins.is_empty()).unwrap_or_default()
 }
 
-/// All bins of a droplet spectrum in the window.
+/// The droplet spectrum in the window, from all bins.
 fn spectrum(
     input: &Input,
     bins: &[String],
@@ -122,7 +123,7 @@ fn spectrum(
     Ok(spectrum.unwrap_or_else(|| Spectrum::empty([0; 3])))
 }
 
-/// The variable that holds cloud liquid water.
+/// The variable that contains cloud liquid water.
 fn find_water<'a>(input: &'a Input, settings: &ImportSettings) -> Result<Variable<'a>> {
     if let Some(name) = &settings.variable {
         return input.variable(name);
@@ -151,13 +152,13 @@ fn find_water<'a>(input: &'a Input, settings: &ImportSettings) -> Result<Variabl
         Some(variable) => input.variable(&variable.name),
         None => Err(input.error(
             "liquid water",
-            "no variable has its standard_name, a customary name or a long_name of it",
-            &format!("name it with --variable; there are: {}", input.names().join(", ")),
+            "no variable is identified by its standard_name, name or long_name",
+            &format!("specify it with --variable; the file has: {}", input.names().join(", ")),
         )),
     }
 }
 
-/// Liquid water content (g/m3) in the window, whatever the file gives it as.
+/// Liquid water content (g/m3) in the window, converted from the units of the file.
 fn concentration(
     input: &Input,
     water: &Variable,
@@ -186,7 +187,7 @@ fn concentration(
         if !(value.is_finite() && *value >= -UNDERSHOOT) {
             return Err(water.error(
                 format!("is {value} g/m3 in the part that was read, at [z {k}, y {j}, x {i}]"),
-                "liquid water must be there and not negative: choose another part of the file",
+                "liquid water must be finite and not negative: choose another part of the file",
             ));
         }
         *value = value.max(0.0);
@@ -194,7 +195,7 @@ fn concentration(
     Ok(values)
 }
 
-/// The density of air (kg/m3), of a shape that multiplies a field `[z, y, x]`.
+/// The density of air (kg/m3), in a shape that can be broadcast to a field `[z, y, x]`.
 fn air_density(
     input: &Input,
     water: &Variable,
@@ -235,10 +236,10 @@ fn air_density(
     }
     let profile = density.reals_at::<f32>(&ranges)?.into_raw_vec_and_offset().0;
     let levels = profile.len();
-    Ok(Array3::from_shape_vec((levels, 1, 1), profile).expect("one value a level"))
+    Ok(Array3::from_shape_vec((levels, 1, 1), profile).expect("one value per level"))
 }
 
-/// Effective radius (um) from the file, if it has one on the same axes as the water.
+/// Effective radius (um) from the file, if it has one with the shape of the liquid water.
 fn effective_radius(
     input: &Input,
     water: &Variable,

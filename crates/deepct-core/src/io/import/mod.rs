@@ -1,8 +1,7 @@
-//! Clouds from elsewhere: large-eddy simulations in netCDF-4, and the text formats of
-//! SHDOM's relatives.
+//! Import of clouds: large-eddy simulations in netCDF-4, and the text formats of pySHDOM and AT3D.
 //!
-//! Whatever the format, the field is brought onto the wanted grid by
-//! [`crate::cloud::resample`]: conservatively onto coarser cells, linearly onto finer.
+//! Fields of all formats are resampled to the requested grid by [`crate::cloud::resample`]:
+//! conservatively to coarser cells, linearly to finer ones.
 
 mod axes;
 mod les;
@@ -18,34 +17,35 @@ use crate::math::DVec3;
 use std::io::Read;
 use std::path::Path;
 
-/// The number of droplets taken where the file does not give their size (per cm3):
-/// between the 50 to 100 of maritime and the several hundred of continental air.
+/// Droplet number concentration (1/cm3) assumed if the file does not contain the droplet size:
+/// between that of maritime air (50 to 100) and that of continental air (several hundred).
 pub const DROPLETS_PER_CM3: f64 = 100.0;
 
-/// What of a file is read, and onto which grid it is brought.
+/// Selection of the part of a file to import, and the grid to which it is resampled.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ImportSettings {
-    /// Number of the time step, from 0.
+    /// Index of the time step, from 0.
     pub time: usize,
-    /// The columns to take; all where it is `None`.
+    /// The columns to import; all if `None`.
     pub crop: Option<Crop>,
-    /// Droplets per cm3, from which radii follow. Where it is `None` the file's radii
-    /// are taken, or [`DROPLETS_PER_CM3`] if it has none.
+    /// Droplet number concentration (1/cm3), from which effective radii are derived. If `None`,
+    /// the radii of the file are used, or [`DROPLETS_PER_CM3`] if it has none.
     pub droplets_per_cm3: Option<f64>,
-    /// Density of air (kg/m3) for a mixing ratio in a file without one.
+    /// Density of air (kg/m3), which converts a mixing ratio to liquid water content; it takes
+    /// precedence over the density in the file.
     pub air_density: Option<f64>,
-    /// Name of the liquid water variable, where it is not to be found by itself.
+    /// Name of the liquid water variable; identified automatically if `None`.
     pub variable: Option<String>,
-    /// Voxel size along x, y, z (km); the file's own where it is `None`.
+    /// Voxel size along x, y, z (km); that of the file if `None`.
     pub spacing: Option<DVec3>,
-    /// Altitude of the lowest voxels' bottom (km); the file's where it is `None`.
+    /// Altitude of the bottom of the lowest voxels (km); that of the file if `None`.
     pub base: Option<f64>,
-    /// Number of levels; up to the file's top where it is `None`.
+    /// Number of levels; up to the top of the file if `None`.
     pub levels: Option<usize>,
 }
 
 impl Default for ImportSettings {
-    /// The whole of the first time step on voxels of 50 x 50 x 40 m.
+    /// The whole field of the first time step on voxels of 50 x 50 x 40 m.
     fn default() -> Self {
         Self {
             time: 0,
@@ -60,13 +60,13 @@ impl Default for ImportSettings {
     }
 }
 
-/// A rectangle of a file's columns. It wraps around the sides, as simulations are
-/// periodic.
+/// A rectangle of columns of a file. It wraps around the lateral boundaries, because simulations
+/// are periodic.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Crop {
-    /// First column to the east.
+    /// Index of the first column, counted eastwards.
     pub x0: usize,
-    /// First row to the north.
+    /// Index of the first row, counted northwards.
     pub y0: usize,
     /// Number of columns.
     pub nx: usize,
@@ -74,11 +74,11 @@ pub struct Crop {
     pub ny: usize,
 }
 
-/// Read a cloud of any format that is known: netCDF-4 and HDF5 by [`read_les`],
-/// anything else by [`read_text`].
+/// Read a cloud in any supported format: netCDF-4 and HDF5 by [`read_les`], all other files by
+/// [`read_text`].
 ///
 /// # Errors
-/// As those two.
+/// As [`read_les`] and [`read_text`].
 pub fn import_cloud(path: impl AsRef<Path>, settings: &ImportSettings) -> Result<Cloud> {
     let path = path.as_ref();
     if !path.is_file() {
@@ -93,7 +93,7 @@ pub fn import_cloud(path: impl AsRef<Path>, settings: &ImportSettings) -> Result
 }
 
 impl Crop {
-    /// The whole of `ny` x `nx` columns where nothing is chosen; otherwise the choice.
+    /// The crop of the settings, by default all of the `ny` x `nx` columns.
     fn of(settings: &ImportSettings, path: &Path, [ny, nx]: [usize; 2]) -> Result<Self> {
         let crop = settings.crop.unwrap_or(Self { x0: 0, y0: 0, nx, ny });
         let fits = |start: usize, count: usize, length: usize| {
@@ -111,14 +111,14 @@ impl Crop {
     }
 }
 
-/// The wanted grid over cells with the given edges along z, y, x (km).
+/// The requested grid over cells with the given edges along z, y, x (km).
 fn grid_over(edges: [&[f64]; 3], settings: &ImportSettings, path: &Path) -> Result<Grid> {
     let [z, y, x] = edges;
     let length = |edges: &[f64]| edges[edges.len() - 1] - edges[0];
     let own = |edges: &[f64]| length(edges) / (edges.len() - 1) as f64;
     let spacing = settings.spacing.unwrap_or_else(|| DVec3::new(own(x), own(y), own(z)));
     let base = settings.base.unwrap_or(z[0]);
-    // A whole number of voxels, up to rounding; the last one may reach beyond.
+    // A whole number of voxels, up to rounding; the last one may extend beyond the cells.
     let count = |length: f64, step: f64| (length / step - 1e-3).ceil().max(1.0) as usize;
     let levels = settings.levels.unwrap_or_else(|| count(z[z.len() - 1] - base, spacing.z));
     let shape = [levels, count(length(y), spacing.y), count(length(x), spacing.x)];
@@ -127,14 +127,14 @@ fn grid_over(edges: [&[f64]; 3], settings: &ImportSettings, path: &Path) -> Resu
     })
 }
 
-/// The edges of cells around coordinates; a single one needs its neighbours' distance.
+/// The edges of cells around their centres; at least two centres are required.
 fn edges_of(centres: &[f64], path: &Path, axis: &str) -> Result<Vec<f64>> {
     resample::edges(centres).map_err(|_| {
         Error::file(
             path,
             axis,
             "has fewer than two values or does not ascend",
-            "give a field with at least two cells along every axis, growing east, north, up",
+            "give a field with at least two cells along each axis, in ascending order",
         )
     })
 }

@@ -1,11 +1,11 @@
-//! The text formats of SHDOM's relatives: a line per voxel with water.
+//! Import of the text formats of pySHDOM and AT3D, which have one line per voxel with water.
 //!
-//! Two kinds are in use. pySHDOM: a comment line, `nx ny nz`, then `dx dy z0 z1 ...` on
-//! one line, then rows `i j k lwc reff [veff]`. AT3D: a comment line, `nx,ny,nz`,
-//! `dx,dy`, `z0,z1,...`, a line of column names (`i,j,k,lwc,reff[,veff]` or
-//! `x,y,z,...`), then rows. Indices count from 0, lengths are km, water is g/m3 and
-//! radii um; the values stand at `(i dx, j dy, z_k)`, which become the centres of
-//! voxels. What is not listed holds no water.
+//! A pySHDOM file consists of a comment line, `nx ny nz`, then `dx dy z0 z1 ...` on one line, then
+//! rows `i j k lwc reff [veff]`. An AT3D file consists of a comment line, `nx,ny,nz`, `dx,dy`,
+//! `z0,z1,...`, a line of column names (`i,j,k,lwc,reff[,veff]` or `x,y,z,...`), then rows. Indices
+//! start at 0, lengths are in km, liquid water contents in g/m3 and radii in um. The values are
+//! given at `(i dx, j dy, z_k)`, which become the centres of voxels. Voxels that are not listed
+//! contain no water.
 
 use super::{Crop, ImportSettings, edges_of, grid_over};
 use crate::cloud::resample::{resample_droplets, uniform_edges};
@@ -16,14 +16,14 @@ use ndarray::{Array3, Axis};
 use std::path::Path;
 use std::str::FromStr;
 
-/// A file's lines with their numbers, from 1.
+/// The lines of a file with their numbers, from 1.
 struct Lines<'a> {
     path: &'a Path,
     lines: Vec<(usize, &'a str)>,
     next: usize,
 }
 
-/// What stands before the rows.
+/// The header of a file.
 struct Header {
     shape: [usize; 3],
     dx: f64,
@@ -32,7 +32,7 @@ struct Header {
     columns: Columns,
 }
 
-/// The places of the values in a row, after the three indices.
+/// The positions of the values in a row, counted after the three indices.
 #[derive(Clone, Copy)]
 struct Columns {
     water: usize,
@@ -40,17 +40,17 @@ struct Columns {
     variance: Option<usize>,
 }
 
-/// Read a text file of either kind. Radii are the file's, unless a number of droplets
-/// is set.
+/// Read a text file in either format. Effective radii are those of the file unless the settings
+/// specify a droplet number concentration.
 ///
 /// # Errors
-/// A file that is missing or not of these formats; a line that does not fit, which the
-/// message names; negative or missing values.
+/// Returns an error if the file is missing or not in one of these formats, if a line is invalid
+/// (the message states its number), or if values are negative or missing.
 pub fn read_text(path: impl AsRef<Path>, settings: &ImportSettings) -> Result<Cloud> {
     let path = path.as_ref();
     let bytes = std::fs::read(path).map_err(Error::io(path))?;
     let text = String::from_utf8(bytes).map_err(|_| {
-        let remedy = "`formats` lists the formats that are known";
+        let remedy = "`formats` lists the supported formats";
         Error::file(path, "file", "is neither HDF5 nor text", remedy)
     })?;
     let mut lines = Lines::new(path, &text);
@@ -89,11 +89,11 @@ impl<'a> Lines<'a> {
         Error::file(self.path, format!("line {line}"), problem, remedy)
     }
 
-    /// The next line that is not empty, cut at commas and spaces.
+    /// The fields of the next line that is not empty.
     fn cut(&mut self, what: &str) -> Result<(usize, Vec<&'a str>)> {
         let Some(&(number, line)) = self.lines.get(self.next) else {
             let last = self.lines.last().map_or(1, |(number, _)| *number);
-            return Err(self.error(last, format!("is the last, where {what} should follow")));
+            return Err(self.error(last, format!("is the last line, but {what} should follow")));
         };
         self.next += 1;
         Ok((number, fields(line).collect()))
@@ -167,7 +167,7 @@ impl<'a> Lines<'a> {
             };
             let values: Option<Vec<f32>> = fields.map(|field| field.parse().ok()).collect();
             let values = values.unwrap_or_default();
-            // pySHDOM names no columns: a sixth number is the effective variance.
+            // pySHDOM files have no column names: a sixth number is the effective variance.
             if variance.is_none() && values.len() == 3 {
                 variance = Some(2);
             }
@@ -178,10 +178,10 @@ impl<'a> Lines<'a> {
             let (Some(lwc), Some(reff), Some(veff)) =
                 (value(water), value(radius), variance.map_or(Some(EFFECTIVE_VARIANCE), value))
             else {
-                return Err(self.error(line, "lacks a number, or holds one that is negative"));
+                return Err(self.error(line, "lacks a number, or contains a negative one"));
             };
             if lwc > 0.0 && reff <= 0.0 {
-                return Err(self.error(line, "holds water without an effective radius"));
+                return Err(self.error(line, "contains water without an effective radius"));
             }
             droplets.liquid_water_content[[k, j, i]] = lwc;
             droplets.effective_radius[[k, j, i]] = reff;
@@ -191,7 +191,7 @@ impl<'a> Lines<'a> {
     }
 }
 
-/// The parts of a line between commas and spaces.
+/// The fields of a line, separated by commas, spaces or tabs.
 fn fields(line: &str) -> impl Iterator<Item = &str> {
     line.split([',', ' ', '\t']).filter(|field| !field.is_empty())
 }

@@ -1,17 +1,17 @@
-//! Coordinates: where the cells of an axis are.
+//! Coordinate variables of the axes.
 
 use super::Variable;
 use crate::error::Result;
 use ndarray::ArrayD;
 
-/// How far the steps of a coordinate may differ, as a share of the step: more than
-/// the rounding of a float of 32 bits, less than any real stretching.
+/// Largest relative difference between the steps of a uniform coordinate. It exceeds the rounding
+/// error of 32-bit floats and is smaller than any intended stretching.
 const UNIFORM: f64 = 2e-3;
 
 /// The values of a coordinate in km.
 ///
 /// # Errors
-/// Values that are not real numbers, or units other than km and m.
+/// Returns an error if the values are not real numbers or if the units are neither km nor m.
 pub(crate) fn kilometres(axis: &Variable) -> Result<Vec<f64>> {
     let values: ArrayD<f64> = axis.reals()?;
     let kilometre = length_unit(axis)?;
@@ -47,10 +47,11 @@ pub(crate) fn edge_and_spacing(axis: &Variable) -> Result<(f64, f64)> {
     if spacing.is_nan() || spacing <= 0.0 {
         return Err(axis.error(
             format!("descends from {first} to {last} km"),
-            "write the field so that x grows to the east, y to the north and z upwards",
+            "write the field so that x increases eastwards, y northwards and z upwards",
         ));
     }
-    // A field that was cut or moved keeps its attributes: take them where they agree.
+    // A field that was cropped or shifted retains its attributes, so they are used only if they
+    // agree with the values.
     let spacing = recorded.filter(|exact| (exact - spacing).abs() <= UNIFORM * spacing);
     let spacing = spacing.unwrap_or((last - first) / (values.len() - 1).max(1) as f64);
     let edge = first - 0.5 * spacing;
@@ -59,7 +60,7 @@ pub(crate) fn edge_and_spacing(axis: &Variable) -> Result<(f64, f64)> {
     Ok((exact.unwrap_or(edge), spacing))
 }
 
-/// How many km one unit of a coordinate is.
+/// The unit of a coordinate in km.
 fn length_unit(axis: &Variable) -> Result<f64> {
     match axis.text("units").as_deref() {
         Some("km" | "kilometer" | "kilometers" | "kilometre" | "kilometres") => Ok(1.0),

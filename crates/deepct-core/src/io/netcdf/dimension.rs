@@ -1,4 +1,4 @@
-//! Dimension scales: how netCDF-4 names the dimensions of an HDF5 dataset.
+//! Dimension scales, by which netCDF-4 names the dimensions of an HDF5 dataset.
 //!
 //! The HDF5 crate does not wrap this part of the high-level library.
 
@@ -16,18 +16,18 @@ unsafe extern "C" {
     fn H5DSis_scale(dataset: hid_t) -> herr_t;
 }
 
-/// Make `scale` the scale of the dimension `name`. Whether it worked.
+/// Make `scale` the scale of the dimension `name`. Returns whether this succeeded.
 pub(super) fn set_scale(scale: &Dataset, name: &str) -> bool {
     let Ok(name) = CString::new(name) else { return false };
-    // SAFETY: the identifier is open as long as `scale` is borrowed, the name ends in
-    // a zero byte and outlives the call, and the lock keeps other threads out.
+    // SAFETY: the identifier is open while `scale` is borrowed, the name ends in a zero byte and
+    // outlives the call, and the lock excludes other threads.
     hdf5::sync::sync(|| unsafe { H5DSset_scale(scale.id(), name.as_ptr()) } >= 0)
 }
 
-/// Attach `scale` to an axis of `dataset`. Whether it worked.
+/// Attach `scale` to an axis of `dataset`. Returns whether this succeeded.
 pub(super) fn attach_scale(dataset: &Dataset, scale: &Dataset, axis: usize) -> bool {
-    // SAFETY: both identifiers are open as long as they are borrowed, and the lock
-    // keeps other threads out; the library checks the axis.
+    // SAFETY: both identifiers are open while the datasets are borrowed, and the lock excludes
+    // other threads; the library checks the axis.
     hdf5::sync::sync(|| unsafe { H5DSattach_scale(dataset.id(), scale.id(), axis as c_uint) >= 0 })
 }
 
@@ -39,7 +39,7 @@ pub(super) fn is_attached(dataset: &Dataset, scale: &Dataset, axis: usize) -> bo
 
 /// Whether `dataset` is the scale of a dimension.
 pub(super) fn is_scale(dataset: &Dataset) -> bool {
-    // SAFETY: the identifier is open as long as `dataset` is borrowed, and the lock
-    // keeps other threads out.
+    // SAFETY: the identifier is open while `dataset` is borrowed, and the lock excludes other
+    // threads.
     hdf5::sync::sync(|| unsafe { H5DSis_scale(dataset.id()) > 0 })
 }

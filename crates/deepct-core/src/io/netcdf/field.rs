@@ -1,4 +1,4 @@
-//! Fields on a grid: clouds, volumes and masks.
+//! Fields on a grid: clouds, volumes, estimates and masks.
 
 use super::light::put_light;
 use super::write::{Attribute::*, Attributes, Output};
@@ -8,7 +8,7 @@ use crate::error::{Error, Result};
 use crate::grid::{Grid, Mask, Volume};
 use crate::math::DVec3;
 use crate::network::Estimate;
-use crate::scene::Light;
+use crate::scene::Observation;
 use ndarray::{Array3, ArrayD};
 use serde::Deserialize;
 use std::path::Path;
@@ -36,23 +36,23 @@ const EXTINCTION: &Attributes = &[
 const UNCERTAINTY: &Attributes =
     &[("units", Text("km-1")), ("long_name", Text("expected absolute error of the extinction"))];
 const MASK: &Attributes = &[
-    ("long_name", Text("where the images allow cloud")),
+    ("long_name", Text("mask of the voxels in which the images permit cloud")),
     ("flag_values", Flags(&[0, 1])),
     ("flag_meanings", Text("outside inside")),
 ];
 
-/// Write a cloud: `lwc` (g m-3), `reff` (um), `veff` and `extinction` (km-1), each
-/// where it is known, on `(z, y, x)`.
+/// Write a cloud: `lwc` (g m-3), `reff` (um), `veff` and `extinction` (km-1), each if known, on
+/// `(z, y, x)`.
 ///
 /// # Errors
-/// When the file cannot be written.
+/// Returns an error if the file cannot be written.
 pub fn write_cloud(path: impl AsRef<Path>, cloud: &Cloud, provenance: &Provenance) -> Result<()> {
     let mut output = Output::create(path.as_ref(), provenance)?;
     put_cloud(&mut output, cloud)?;
     output.finish()
 }
 
-/// Put a cloud into a file that is being written.
+/// Add a cloud to a file that is being written.
 pub(super) fn put_cloud(output: &mut Output, cloud: &Cloud) -> Result<()> {
     write_axes(output, &cloud.grid)?;
     if let Some(droplets) = &cloud.microphysics {
@@ -66,12 +66,12 @@ pub(super) fn put_cloud(output: &mut Output, cloud: &Cloud) -> Result<()> {
     Ok(())
 }
 
-/// Read a cloud: `lwc` and `reff` (and `veff`, 0.1 where it is not given), or
-/// `extinction`, or both, on `(z, y, x)`.
+/// Read a cloud on `(z, y, x)`: `lwc` and `reff` (and `veff`, 0.1 if not given), or
+/// `extinction`, or both.
 ///
 /// # Errors
-/// A file that is missing, damaged or of another content; values that are negative or
-/// not finite; coordinates that are not uniform.
+/// Returns an error if the file is missing, damaged or of another type, if values are negative or
+/// not finite, or if coordinates are not uniform.
 pub fn read_cloud(path: impl AsRef<Path>) -> Result<Cloud> {
     let path = path.as_ref();
     let input = Input::open(path)?;
@@ -110,7 +110,7 @@ pub fn read_cloud(path: impl AsRef<Path>) -> Result<Cloud> {
 /// Write a volume as `extinction` (km-1) on `(z, y, x)`.
 ///
 /// # Errors
-/// When the file cannot be written.
+/// Returns an error if the file cannot be written.
 pub fn write_volume(
     path: impl AsRef<Path>,
     volume: &Volume,
@@ -121,27 +121,27 @@ pub fn write_volume(
     output.finish()
 }
 
-/// Write what a network tells: `extinction`, and `uncertainty` where it has one (km-1), on
-/// `(z, y, x)`, and the light of the images.
+/// Write the estimate of a network: `extinction` and, if available, `uncertainty` (km-1) on
+/// `(z, y, x)`, and the scene illumination of the images.
 ///
 /// # Errors
-/// When the file cannot be written.
+/// Returns an error if the file cannot be written.
 pub fn write_estimate(
     path: impl AsRef<Path>,
     estimate: &Estimate,
-    light: &Light,
+    observation: &Observation,
     provenance: &Provenance,
 ) -> Result<()> {
     let mut output = Output::create(path.as_ref(), provenance)?;
     put_volume(&mut output, &estimate.extinction)?;
-    put_light(&output, light)?;
+    put_light(&output, observation)?;
     if let Some(uncertainty) = &estimate.uncertainty {
         output.variable("uncertainty", &AXES, &uncertainty.values, UNCERTAINTY)?;
     }
     output.finish()
 }
 
-/// Put a volume into a file that is being written.
+/// Add a volume to a file that is being written.
 pub(super) fn put_volume(output: &mut Output, volume: &Volume) -> Result<()> {
     write_axes(output, &volume.grid)?;
     output.variable("extinction", &AXES, &volume.values, EXTINCTION)
@@ -161,7 +161,7 @@ pub fn read_volume(path: impl AsRef<Path>) -> Result<Volume> {
     Ok(volume)
 }
 
-/// Read what [`write_estimate`] wrote; a file with `extinction` alone has no uncertainty.
+/// Read an estimate that [`write_estimate`] wrote. A file without `uncertainty` is accepted.
 ///
 /// # Errors
 /// As [`read_cloud`].
@@ -187,7 +187,7 @@ pub fn read_estimate(path: impl AsRef<Path>) -> Result<Estimate> {
 /// Write a mask as `mask`, 1 inside and 0 outside, on `(z, y, x)`.
 ///
 /// # Errors
-/// When the file cannot be written.
+/// Returns an error if the file cannot be written.
 pub fn write_mask(path: impl AsRef<Path>, mask: &Mask, provenance: &Provenance) -> Result<()> {
     let mut output = Output::create(path.as_ref(), provenance)?;
     write_axes(&mut output, &mask.grid)?;
@@ -195,7 +195,7 @@ pub fn write_mask(path: impl AsRef<Path>, mask: &Mask, provenance: &Provenance) 
     output.finish()
 }
 
-/// Put a mask into a file that has its axes.
+/// Add a mask to a file that already has its axes.
 pub(super) fn put_mask(output: &Output, mask: &Mask) -> Result<()> {
     output.variable("mask", &AXES, &mask.values.mapv(u8::from), MASK)
 }
@@ -203,7 +203,7 @@ pub(super) fn put_mask(output: &Output, mask: &Mask) -> Result<()> {
 /// Read `mask`, 1 inside and 0 outside, on `(z, y, x)`.
 ///
 /// # Errors
-/// As [`read_cloud`]; numbers other than 0 and 1.
+/// As [`read_cloud`]; also returns an error if there are numbers other than 0 and 1.
 pub fn read_mask(path: impl AsRef<Path>) -> Result<Mask> {
     let input = Input::open(path.as_ref())?;
     let variable = input.variable_on("mask", &AXES)?;
@@ -212,7 +212,7 @@ pub fn read_mask(path: impl AsRef<Path>) -> Result<Mask> {
     Mask::new(grid_of(&variable, &input)?, values)
 }
 
-/// A grid in TOML.
+/// The TOML representation of a grid.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct GridSettings {
@@ -221,12 +221,12 @@ struct GridSettings {
     shape: [usize; 3],
 }
 
-/// Read a grid: that of any file with coordinates `z`, `y`, `x`, or a TOML file with
+/// Read a grid from any file with coordinates `z`, `y`, `x`, or from a TOML file with
 /// `origin_km = [x, y, z]`, `spacing_km = [x, y, z]` and `shape = [nz, ny, nx]`.
 ///
 /// # Errors
-/// A file that is missing or damaged; coordinates that are not uniform; an unknown
-/// key or a value out of range.
+/// Returns an error if the file is missing or damaged, if coordinates are not uniform, if a key is
+/// unknown, or if a value is out of range.
 pub fn read_grid(path: impl AsRef<Path>) -> Result<Grid> {
     let path = path.as_ref();
     if path.extension().is_some_and(|extension| extension == "toml") {
@@ -241,8 +241,8 @@ pub fn read_grid(path: impl AsRef<Path>) -> Result<Grid> {
     grid_from_axes(&input, [z?, y?, x?])
 }
 
-/// The coordinates of voxel centres. Spacing and lower edge are recorded beside them,
-/// so that a grid is read back exactly, and one of a single voxel at all.
+/// Write the coordinates of voxel centres. Spacing and lower edge are recorded as attributes so
+/// that a grid can be read back exactly, including one with a single voxel along an axis.
 fn write_axes(output: &mut Output, grid: &Grid) -> Result<()> {
     let [x, y, z] = grid.axes();
     for (name, axis, values, long_name, standard) in [

@@ -1,17 +1,18 @@
-//! The light of images: Sun and wavelength as variables of their own, all else as attributes of the
-//! variable `light`, which holds no number, as `grid_mapping` variables of CF do.
+//! The scene illumination of images. Sun and wavelength are stored as separate variables and all
+//! other quantities as attributes of the variable `light`, whose value has no meaning, as for
+//! `grid_mapping` variables of CF.
 
 use super::Input;
 use super::write::{Attribute, Attribute::*, Output};
 use crate::error::Result;
-use crate::scene::Light;
+use crate::scene::{Light, Observation};
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// The variable whose attributes are the light.
+/// The variable whose attributes describe the scene illumination.
 const CONTAINER: &str = "light";
 
-/// Quantities that are variables: name, key of the light, unit, long name, standard name.
+/// Quantities stored as variables: name, key in [`Light`], unit, long name, standard name.
 const VARIABLES: [(&str, &str, &str, &str, &str); 4] = [
     (
         "sun_zenith_deg",
@@ -31,20 +32,22 @@ const VARIABLES: [(&str, &str, &str, &str, &str); 4] = [
     ("wavelength", "wavelength", "um", "wavelength", "radiation_wavelength"),
 ];
 
-/// The light that a file of images, or of what was inferred from them, was made in, and the keys
-/// that it does not state; `None` where it states nothing at all.
+/// Read the scene illumination from a file of images or of a quantity retrieved from images, and
+/// the required keys that the file does not specify. Returns `None` if the file does not specify
+/// the scene illumination.
 ///
 /// # Errors
-/// A file that cannot be read; values out of range.
+/// Returns an error if the file cannot be read or if values are out of range.
 pub fn read_light(path: impl AsRef<Path>) -> Result<Option<(Light, Vec<String>)>> {
     let input = Input::open(path.as_ref())?;
     let known = input.has(CONTAINER) || VARIABLES.iter().all(|(name, ..)| input.has(name));
     known.then(|| get_light(&input)).transpose()
 }
 
-/// Put the light into a file that is being written.
-pub(super) fn put_light(output: &Output, light: &Light) -> Result<()> {
-    let mut values = light.values();
+/// Add the scene illumination of images to a file that is being written. Assumed values are
+/// omitted.
+pub(super) fn put_light(output: &Output, observation: &Observation) -> Result<()> {
+    let mut values = observation.light.values();
     for (name, key, units, long_name, standard_name) in VARIABLES {
         let value = values.remove(key).and_then(|value| value.as_float());
         let mut attributes = vec![("units", Text(units)), ("long_name", Text(long_name))];
@@ -53,7 +56,8 @@ pub(super) fn put_light(output: &Output, light: &Light) -> Result<()> {
         }
         output.scalar(name, value.expect("a number"), &attributes)?;
     }
-    // A dot is no part of an identifier, which attributes are in many programs.
+    values.retain(|key, _| !observation.assumed.contains(key));
+    // Many programs expose attributes as identifiers, which cannot contain a dot.
     let pairs: Vec<(String, toml::Value, String)> = values
         .into_iter()
         .map(|(key, value)| {
@@ -61,7 +65,7 @@ pub(super) fn put_light(output: &Output, light: &Light) -> Result<()> {
             (key.replace('.', "_"), value, text)
         })
         .collect();
-    let long_name = "light of the images: air, surface, sides, droplet optics";
+    let long_name = "scene illumination: atmosphere, surface, boundaries, droplet optics";
     let mut attributes: Vec<(&str, Attribute)> = vec![("long_name", Text(long_name))];
     attributes.extend(pairs.iter().map(|(name, value, text)| {
         let attribute = value.as_float().map_or(Text(text), Number);
@@ -70,7 +74,7 @@ pub(super) fn put_light(output: &Output, light: &Light) -> Result<()> {
     output.variable(CONTAINER, &[], ndarray::arr0(0_i32).view(), &attributes)
 }
 
-/// The light of a file that is open, and the keys that it does not state.
+/// The scene illumination of an open file and the required keys that it does not specify.
 pub(super) fn get_light(input: &Input) -> Result<(Light, Vec<String>)> {
     let mut values = BTreeMap::new();
     for (name, key, ..) in VARIABLES {
@@ -93,7 +97,7 @@ pub(super) fn get_light(input: &Input) -> Result<(Light, Vec<String>)> {
         }
     }
     let light = Light::default().with_values(&values).map_err(|problem| {
-        let names = "the light";
+        let names = "scene illumination";
         input.error(names, problem.to_string(), "correct the value")
     })?;
     let unknown = Light::required_keys().iter().filter(|key| !values.contains_key(**key));

@@ -1,4 +1,4 @@
-//! The project's own files: HDF5 that is also netCDF-4 with CF attributes.
+//! The file formats of deepct: HDF5 files that are also netCDF-4 with CF attributes.
 
 mod axis;
 mod dimension;
@@ -26,14 +26,14 @@ pub use reference::{
 };
 pub use sample::write_sample;
 
-/// The most values that are read from one variable at once: a guard against a file
-/// whose header asks for more memory than the machine has.
+/// Largest number of values that are read from one variable at once. It guards against files
+/// whose header declares more values than fit in memory.
 pub const MAX_VALUES: usize = 1 << 28;
 
-/// How a file was made; recorded in it as global attributes.
+/// Provenance of a file, recorded as global attributes.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Provenance {
-    /// What the file is, in a few words, or the command that made it.
+    /// A short description of the file, or the command that created it.
     pub title: String,
     /// The resolved configuration, TOML or JSON.
     pub configuration: String,

@@ -1,4 +1,4 @@
-//! Images with the Sun and the cameras that they were taken by.
+//! Images with their cameras and scene illumination.
 
 use super::light::{get_light, put_light};
 use super::write::{Attribute::*, Output};
@@ -13,7 +13,7 @@ use std::path::Path;
 /// The dimensions of images.
 const PIXELS: [&str; 3] = ["view", "row", "col"];
 
-/// The numbers of all cameras, one entry or row (x, y, z) per view.
+/// The parameters of all cameras, with one entry or row (x, y, z) per view.
 struct Cameras {
     orthographic: Vec<u8>,
     position: Array2<f64>,
@@ -23,12 +23,12 @@ struct Cameras {
     pixel_km: Vec<f64>,
 }
 
-/// Write images: `radiance(view, row, col)` (sr-1) and, where it is known,
-/// `radiance_standard_error`; by view the zenith and azimuth, position, direction and
-/// target of the camera, its projection and pixel size; the light.
+/// Write images: `radiance(view, row, col)` (sr-1) and, if known, `radiance_standard_error`; for
+/// each view, the zenith and azimuth angles, position, direction, target, projection and pixel
+/// size of the camera; and the scene illumination.
 ///
 /// # Errors
-/// When the file cannot be written.
+/// Returns an error if the file cannot be written.
 pub fn write_observation(
     path: impl AsRef<Path>,
     observation: &Observation,
@@ -39,12 +39,12 @@ pub fn write_observation(
     output.finish()
 }
 
-/// Put images into a file that is being written.
+/// Add images to a file that is being written.
 pub(super) fn put_observation(output: &mut Output, observation: &Observation) -> Result<()> {
     let [views, rows, cols] = observation.images.shape();
-    output.counted("view", views, "number of the view")?;
-    output.counted("row", rows, "pixel row, growing to the north")?;
-    output.counted("col", cols, "pixel column, growing to the east")?;
+    output.counted("view", views, "index of the view")?;
+    output.counted("row", rows, "pixel row, increasing northwards")?;
+    output.counted("col", cols, "pixel column, increasing eastwards")?;
     output.counted("component", 3, "components x (east), y (north), z (up)")?;
     let radiance = [("units", Text("sr-1")), ("long_name", Text("radiance"))];
     output.variable("radiance", &PIXELS, &observation.images.values, &radiance)?;
@@ -54,15 +54,15 @@ pub(super) fn put_observation(output: &mut Output, observation: &Observation) ->
         output.variable("radiance_standard_error", &PIXELS, &error.values, &attributes)?;
     }
     write_cameras(output, &observation.views)?;
-    put_light(output, &observation.light)
+    put_light(output, observation)
 }
 
-/// Read images that [`write_observation`] wrote, every number as it was.
+/// Read images that [`write_observation`] wrote. All numbers are reproduced exactly.
 ///
 /// # Errors
-/// A file that is missing, damaged or of another content; radiances that are not
-/// finite; a camera or a Sun that is out of range; angles that do not fit the camera's
-/// position.
+/// Returns an error if the file is missing, damaged or of another type, if radiances are not
+/// finite, if the parameters of a camera or of the Sun are out of range, or if the angles are
+/// inconsistent with the position of the camera.
 pub fn read_observation(path: impl AsRef<Path>) -> Result<Observation> {
     let path = path.as_ref();
     let input = Input::open(path)?;
@@ -78,9 +78,9 @@ pub fn read_observation(path: impl AsRef<Path>) -> Result<Observation> {
     let views = read_views(&input, images.shape())?;
     let (light, assumed) = get_light(&input)?;
     let mut observation = Observation::new(light, views, images)
-        .map_err(|problem| input.error("radiance", problem.to_string(), "write it anew"))?;
+        .map_err(|problem| input.error("radiance", problem.to_string(), "write it again"))?;
     if standard_error.as_ref().is_some_and(|error| error.shape() != observation.images.shape()) {
-        return Err(input.error(error, "has another shape than radiance", "write it anew"));
+        return Err(input.error(error, "has another shape than radiance", "write it again"));
     }
     (observation.assumed, observation.standard_error) = (assumed, standard_error);
     Ok(observation)
@@ -118,18 +118,18 @@ fn write_cameras(output: &Output, views: &[View]) -> Result<()> {
         &["view"],
         &cameras.orthographic,
         &[
-            ("long_name", Text("how the camera maps points to pixels")),
+            ("long_name", Text("camera projection")),
             ("flag_values", Flags(&[0, 1])),
             ("flag_meanings", Text("perspective orthographic")),
         ],
     )?;
-    let position = km("position of the camera; missing at infinity");
+    let position = km("camera position; missing for an orthographic camera");
     output.variable("camera_position", &vectors, &cameras.position, &position)?;
     let direction = one("unit vector from the target towards the camera");
     output.variable("camera_direction", &vectors, &cameras.direction, &direction)?;
-    let target = km("point in the middle of the image");
+    let target = km("point at the centre of the image");
     output.variable("target", &vectors, &cameras.target, &target)?;
-    let tangent = one("pixel size over focal length; missing for an orthographic camera");
+    let tangent = one("ratio of pixel size to focal length; missing for an orthographic camera");
     output.variable("pixel_tangent", &["view"], &cameras.pixel_tangent, &tangent)?;
     let size = km("size of a pixel at the target");
     output.variable("pixel_km", &["view"], &cameras.pixel_km, &size)
@@ -199,8 +199,8 @@ fn read_views(input: &Input, [count, rows, cols]: [usize; 3]) -> Result<Vec<View
         .collect()
 }
 
-/// An orthographic view with its direction to the last bit: normalising a unit vector
-/// again may change it.
+/// An orthographic view with exactly the given direction. Normalising a unit vector again may
+/// change it.
 fn parallel(towards: DVec3, target: DVec3, pixel_km: f64, size: [usize; 2]) -> Result<View> {
     if !towards.is_normalized() {
         return Err(Error::out_of_range("camera direction", towards, "a unit vector"));
@@ -213,12 +213,13 @@ fn check_count(input: &Input, name: &str, found: usize, expected: usize) -> Resu
     if found == expected {
         return Ok(());
     }
-    let problem = format!("has {found} values, where the images ask for {expected}");
+    let problem = format!("has {found} values, but the images require {expected}");
     Err(input.error(name, problem, "write one camera per image"))
 }
 
-/// The angles in the file are for people; the camera's position decides. When the two
-/// disagree somebody changed one and expects it to count.
+/// Check that the angles agree with the camera position or direction. The view is defined by the
+/// latter; the angles are informative. If they disagree, one of them was edited, and it is unclear
+/// which one is intended.
 fn check_angles(
     input: &Input,
     view: &View,

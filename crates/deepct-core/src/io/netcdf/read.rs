@@ -1,5 +1,5 @@
-//! Reading: every variable is checked for its size, its dimensions and its kind of
-//! number before its values are read.
+//! Reading of netCDF-4 and HDF5 files. The size, dimensions and data type of every variable are
+//! checked before its values are read.
 
 use super::{MAX_VALUES, dimension};
 use crate::error::{Error, Result};
@@ -9,7 +9,7 @@ use ndarray::{Array3, ArrayD, Ix3};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
-/// The longest text that is read from an attribute of fixed length.
+/// Maximum length of a text attribute of fixed length (bytes).
 const LONGEST_TEXT: usize = 4096;
 
 /// A file that is open for reading.
@@ -22,14 +22,14 @@ pub(crate) struct Input {
 /// A variable of an [`Input`].
 pub(crate) struct Variable<'a> {
     input: &'a Input,
-    /// Its name in the file.
+    /// The name in the file.
     pub(crate) name: String,
-    /// Its length along every axis.
+    /// The length along each axis.
     pub(crate) shape: Vec<usize>,
     dataset: Dataset,
 }
 
-/// A floating-point number that HDF5 converts to.
+/// A floating-point type to which HDF5 converts values.
 pub(crate) trait Real: H5Type + Copy {
     fn from_f64(value: f64) -> Self;
     fn to_f64(self) -> f64;
@@ -53,8 +53,8 @@ impl Real for f64 {
     }
 }
 
-/// How CF packs real numbers: `value = stored * scale + offset`, and which stored
-/// number stands for a missing value.
+/// The CF packing of real numbers: `value = stored * scale + offset`, and the stored number that
+/// represents a missing value.
 struct Packing {
     scale: Option<f64>,
     offset: Option<f64>,
@@ -65,7 +65,7 @@ impl Input {
     /// Open a file.
     ///
     /// # Errors
-    /// When it does not exist, is not HDF5, or is truncated.
+    /// Returns an error if the file does not exist, is not HDF5, or is truncated.
     pub(crate) fn open(path: &Path) -> Result<Self> {
         let unusable = |problem: &str, remedy: &str| Error::file(path, "file", problem, remedy);
         if !path.exists() {
@@ -97,7 +97,7 @@ impl Input {
         Error::file(&self.path, field, problem, remedy)
     }
 
-    /// The variables by name, in alphabetical order.
+    /// The names of the variables in alphabetical order.
     pub(crate) fn names(&self) -> Vec<String> {
         let datasets = self.file.datasets().unwrap_or_default();
         let mut names: Vec<_> = datasets.iter().map(|dataset| leaf(&dataset.name())).collect();
@@ -105,15 +105,15 @@ impl Input {
         names
     }
 
-    /// Whether there is a variable of this name.
+    /// Whether the file has a variable with this name.
     pub(crate) fn has(&self, name: &str) -> bool {
         self.file.dataset(name).is_ok()
     }
 
-    /// A variable, whatever its shape.
+    /// A variable of any shape.
     ///
     /// # Errors
-    /// When the file has none of this name.
+    /// Returns an error if the file has no variable with this name.
     pub(crate) fn variable(&self, name: &str) -> Result<Variable<'_>> {
         let dataset = self.file.dataset(name).map_err(|_| {
             let names = self.names().join(", ");
@@ -125,17 +125,17 @@ impl Input {
     /// A variable on the given dimensions, in this order.
     ///
     /// # Errors
-    /// When it is missing, of another rank, or on other dimensions.
+    /// Returns an error if the variable is missing, has another rank, or is on other dimensions.
     pub(crate) fn variable_on(&self, name: &str, dimensions: &[&str]) -> Result<Variable<'_>> {
         let variable = self.variable(name)?;
         variable.check_dimensions(dimensions)?;
         Ok(variable)
     }
 
-    /// The numbers of an attribute of a group.
+    /// The numbers in an attribute of a group.
     ///
     /// # Errors
-    /// When there is no such group, or it has no such attribute.
+    /// Returns an error if there is no such group or if it has no such attribute.
     pub(crate) fn group_numbers(&self, group: &str, attribute: &str) -> Result<Vec<f64>> {
         let numbers = self.file.group(group).and_then(|group| group.attr(attribute)?.read_raw());
         numbers.map_err(|_| {
@@ -143,7 +143,7 @@ impl Input {
         })
     }
 
-    /// A single real number.
+    /// The value of a scalar variable.
     pub(crate) fn scalar(&self, name: &str) -> Result<f64> {
         let values: ArrayD<f64> = self.variable_on(name, &[])?.reals()?;
         Ok(values.into_raw_vec_and_offset().0[0])
@@ -156,7 +156,7 @@ impl Variable<'_> {
         self.input.error(&self.name, problem, remedy)
     }
 
-    /// The name of the dimension along an axis, where the file names it.
+    /// The name of the dimension along an axis, if the file specifies it.
     pub(crate) fn dimension(&self, axis: usize) -> Option<&str> {
         if self.shape.len() == 1 && self.input.scales.iter().any(|(name, _)| *name == self.name) {
             return Some(&self.name);
@@ -167,8 +167,8 @@ impl Variable<'_> {
             .map(|(name, _)| name.as_str())
     }
 
-    /// An error unless the axes are those named, in this order. An axis that the file
-    /// does not name is taken by its place.
+    /// Returns an error unless the axes have the given names in this order. An axis without a
+    /// name in the file is identified by its position.
     fn check_dimensions(&self, expected: &[&str]) -> Result<()> {
         let found: Vec<_> =
             (0..self.shape.len()).map(|axis| self.dimension(axis).unwrap_or("?")).collect();
@@ -178,7 +178,7 @@ impl Variable<'_> {
             return Ok(());
         }
         let problem = format!(
-            "has dimensions ({}) of shape {:?}, where ({}) are expected",
+            "has dimensions ({}) of shape {:?}, but ({}) are expected",
             found.join(", "),
             self.shape,
             expected.join(", ")
@@ -186,12 +186,12 @@ impl Variable<'_> {
         Err(self.error(problem, "write it on these dimensions in this order"))
     }
 
-    /// An attribute that is text.
+    /// The value of a text attribute.
     pub(crate) fn text(&self, name: &str) -> Option<String> {
         text_attribute(&self.dataset, name)
     }
 
-    /// An attribute that is a number.
+    /// The value of a numeric attribute.
     pub(crate) fn number(&self, name: &str) -> Option<f64> {
         let attribute = self.dataset.attr(name).ok()?;
         let numeric = matches!(
@@ -218,12 +218,12 @@ impl Variable<'_> {
         })
     }
 
-    /// The values within a range of every axis as real numbers, unpacked as CF says;
-    /// missing ones are NaN.
+    /// The values within a range of each axis as real numbers, unpacked according to CF. Missing
+    /// values are NaN.
     ///
     /// # Errors
-    /// When the variable does not hold real numbers, neither as such nor packed, when
-    /// there are more than [`MAX_VALUES`], or when they cannot be read.
+    /// Returns an error if the values are neither real numbers nor packed real numbers, if there
+    /// are more than [`MAX_VALUES`], or if they cannot be read.
     pub(crate) fn reals_at<T: Real>(&self, ranges: &[Range<usize>]) -> Result<ArrayD<T>> {
         self.check_size(ranges)?;
         let packing = self.packing();
@@ -250,10 +250,10 @@ impl Variable<'_> {
         }))
     }
 
-    /// All values as yes (1) or no (0).
+    /// All values as booleans: 1 is true and 0 is false.
     ///
     /// # Errors
-    /// When the variable holds other numbers.
+    /// Returns an error if the variable contains other numbers.
     pub(crate) fn flags(&self) -> Result<ArrayD<bool>> {
         let all: Vec<_> = self.shape.iter().map(|&length| 0..length).collect();
         self.check_size(&all)?;
@@ -295,10 +295,10 @@ impl Variable<'_> {
     }
 
     fn wrong_kind(&self, found: hdf5::Result<TypeDescriptor>, expected: &str) -> Error {
-        let found = found.map_or_else(|_| "of a kind unknown here".into(), |kind| kind.to_string());
+        let found = found.map_or_else(|_| "unsupported".into(), |kind| kind.to_string());
         self.error(
-            format!("holds values of type {found}, where {expected} are expected"),
-            "write it as such (integers stand for real numbers only with scale_factor)",
+            format!("has values of type {found}, but {expected} are expected"),
+            "write it with this type (integers represent real numbers only with scale_factor)",
         )
     }
 
@@ -307,7 +307,7 @@ impl Variable<'_> {
             self.error(
                 format!("cannot be read: {}", first_line(&problem)),
                 "the file is truncated, damaged or compressed by a filter other than deflate; \
-                 copy it again or write it anew",
+                 copy it again or write it again",
             )
         };
         if self.shape.is_empty() {
@@ -326,8 +326,8 @@ impl Variable<'_> {
     }
 }
 
-/// The text of an attribute. HDF5 does not convert between the four kinds of strings,
-/// so each is read as what it is.
+/// The value of a text attribute. HDF5 does not convert between the four string types, so each
+/// is read with its own type.
 fn text_attribute(on: &Location, name: &str) -> Option<String> {
     let attribute = on.attr(name).ok()?;
     if attribute.size() != 1 {
@@ -364,7 +364,7 @@ fn first_bytes(path: &Path) -> Vec<u8> {
     use std::io::Read;
     let mut bytes = Vec::new();
     if let Ok(file) = std::fs::File::open(path) {
-        // Too short a file is not HDF5 either.
+        // A file that is too short is not HDF5 either.
         let _ = file.take(8).read_to_end(&mut bytes);
     }
     bytes

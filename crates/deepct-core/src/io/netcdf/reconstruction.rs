@@ -1,4 +1,4 @@
-//! A volume that was inverted, the mask it was sought in, and the way to it.
+//! The result of an inversion: the volume, its mask and the course of the iterations.
 
 use super::Provenance;
 use super::field::{put_mask, put_volume};
@@ -7,27 +7,28 @@ use super::write::{Attribute::*, Output};
 use crate::error::Result;
 use crate::grid::Mask;
 use crate::inversion::{Reconstruction, Record};
-use crate::scene::Light;
+use crate::scene::Observation;
 use ndarray::Array1;
 use std::path::Path;
 
-/// Write a reconstruction: `extinction` and `mask` on `(z, y, x)`, and what was reached
-/// step by step on the dimension `step`: `block`, `seconds`, `misfit` and, where the truth
-/// was known, `relative_error` and `mass_error`; the light of the images. `read_volume` and `read_mask` read it.
+/// Write a reconstruction: `extinction` and `mask` on `(z, y, x)`; on the dimension `step`, the
+/// values of `block`, `seconds`, `misfit` and, if the truth is known, `relative_error` and
+/// `mass_error` after each iteration; and the scene illumination of the images. The file can be
+/// read by `read_volume` and `read_mask`.
 ///
 /// # Errors
-/// When the file cannot be written.
+/// Returns an error if the file cannot be written.
 pub fn write_reconstruction(
     path: impl AsRef<Path>,
     reconstruction: &Reconstruction,
     mask: &Mask,
-    light: &Light,
+    observation: &Observation,
     provenance: &Provenance,
 ) -> Result<()> {
     let mut output = Output::create(path.as_ref(), provenance)?;
     put_volume(&mut output, &reconstruction.extinction)?;
     put_mask(&output, mask)?;
-    put_light(&output, light)?;
+    put_light(&output, observation)?;
     put_history(&mut output, &reconstruction.history)?;
     output.finish()
 }
@@ -43,15 +44,13 @@ fn put_history(output: &mut Output, history: &[Record]) -> Result<()> {
             &[("units", Text(unit)), ("long_name", Text(long_name))],
         )
     };
-    column("block", "1", "side of the blocks of voxels solved for", &|at| at.block as f64)?;
-    column("seconds", "s", "time since the beginning", &|at| at.seconds)?;
-    column("misfit", "1", "mean squared residual over its standard error", &|at| at.misfit)?;
+    column("block", "1", "edge length of the blocks of voxels, in voxels", &|at| at.block as f64)?;
+    column("seconds", "s", "time since the start", &|at| at.seconds)?;
+    column("misfit", "1", "mean squared ratio of residual to standard error", &|at| at.misfit)?;
     if history.iter().all(|at| at.relative_error.is_some() && at.mass_error.is_some()) {
         let missing = |value: Option<f64>| value.unwrap_or(f64::NAN);
         column("relative_error", "1", "relative error epsilon", &|at| missing(at.relative_error))?;
-        column("mass_error", "1", "relative error of the mass delta", &|at| {
-            missing(at.mass_error)
-        })?;
+        column("mass_error", "1", "mass error delta", &|at| missing(at.mass_error))?;
     }
     Ok(())
 }

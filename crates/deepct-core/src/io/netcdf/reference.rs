@@ -1,5 +1,5 @@
-//! Results of other codes, for validation: radiances, one group a view, and the optics
-//! of droplets.
+//! Results of other codes for validation: radiances, with one group per view, and the optical
+//! properties of droplets.
 
 use super::Input;
 use crate::error::Result;
@@ -8,28 +8,28 @@ use crate::math::DVec3;
 use crate::scene::View;
 use std::path::Path;
 
-/// One view of a scene by two other codes: parallel rays, one value per pixel, row by
-/// row from the south.
+/// One view of a scene computed by two other codes. The rays are parallel; there is one value per
+/// pixel, row by row from the south.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ReferenceView {
-    /// The same view.
+    /// The equivalent view in deepct.
     pub view: View,
-    /// Radiance by Mitsuba (1/sr for a flux of 1 through a horizontal plane).
+    /// Radiance computed by Mitsuba (1/sr for a flux of 1 through a horizontal plane).
     pub mitsuba: Vec<f64>,
-    /// Its standard error.
+    /// Standard error of the radiance computed by Mitsuba.
     pub mitsuba_standard_error: Vec<f64>,
-    /// Radiance by SHDOM.
+    /// Radiance computed by SHDOM (same unit).
     pub shdom: Vec<f64>,
 }
 
-/// The altitude of the plane in which the pixels are squares (km).
+/// Altitude of the plane in which the pixels are square (km).
 const PIXEL_PLANE: f64 = 1.44;
 
-/// Read the view `name` of the RICO cloud, for the phase function marked `phase` in the
-/// names of the variables.
+/// Read the view `name` of the RICO cloud for the phase function that is denoted by `phase` in
+/// the names of the variables.
 ///
 /// # Errors
-/// A file that is missing, damaged, or without the view.
+/// Returns an error if the file is missing or damaged, or does not contain the view.
 pub fn read_reference_view(path: &Path, name: &str, phase: &str) -> Result<ReferenceView> {
     let input = Input::open(path)?;
     let values = |variable: &str| -> Result<Vec<f64>> {
@@ -65,23 +65,23 @@ pub fn read_reference_view(path: &Path, name: &str, phase: &str) -> Result<Refer
     })
 }
 
-/// The optics of droplets of one effective radius by another code.
+/// The optical properties of droplets of one effective radius computed by another code.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ReferenceDroplets {
     /// Effective radius (um).
     pub effective_radius: f64,
-    /// Extinction by liquid water content (1/km per g/m3).
+    /// Extinction per liquid water content (1/km per g/m3).
     pub extinction_per_water: f64,
     /// Single-scattering albedo.
     pub single_scattering_albedo: f64,
-    /// Mean cosine of the scattering angle.
+    /// Asymmetry parameter (mean cosine of the scattering angle).
     pub asymmetry: f64,
 }
 
-/// Read a table of droplet optics over the effective radius.
+/// Read a table of droplet optical properties as a function of effective radius.
 ///
 /// # Errors
-/// A file that is missing, damaged, or without one of the variables.
+/// Returns an error if the file is missing or damaged, or lacks one of the variables.
 pub fn read_reference_droplets(path: &Path) -> Result<Vec<ReferenceDroplets>> {
     let input = Input::open(path)?;
     let radii = input.variable("reff")?.reals::<f64>()?.into_raw_vec_and_offset().0;
@@ -105,11 +105,11 @@ pub fn read_reference_droplets(path: &Path) -> Result<Vec<ReferenceDroplets>> {
         .collect())
 }
 
-/// Read the extinction of a cloud as AT3D keeps it: on (x, y, z), with a first level far below
-/// the others that holds nothing.
+/// Read the extinction of a cloud in the layout of AT3D: on (x, y, z), with an empty first level
+/// far below the others.
 ///
 /// # Errors
-/// A file that is missing, damaged, or without `extinction`; levels that are too few.
+/// Returns an error if the file is missing or damaged, lacks `extinction`, or has too few levels.
 pub fn read_reference_extinction(path: &Path) -> Result<Volume> {
     let input = Input::open(path)?;
     let axis = |name: &str| -> Result<Vec<f64>> {

@@ -1,4 +1,4 @@
-//! A truth and the images of it in one file.
+//! A true cloud and its images in one file.
 
 use super::Provenance;
 use super::field::put_cloud;
@@ -9,11 +9,11 @@ use crate::error::Result;
 use crate::scene::Observation;
 use std::path::Path;
 
-/// Write a sample to learn from: the variables of a cloud and those of its images.
-/// `read_cloud` and `read_observation` read the one and the other.
+/// Write a training sample: the variables of a cloud and those of its images. The file can be
+/// read by `read_cloud` and `read_observation`.
 ///
 /// # Errors
-/// When the file cannot be written.
+/// Returns an error if the file cannot be written.
 pub fn write_sample(
     path: impl AsRef<Path>,
     cloud: &Cloud,

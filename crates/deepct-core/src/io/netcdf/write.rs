@@ -1,4 +1,5 @@
-//! Writing: variables on named dimensions, to a temporary name until all is there.
+//! Writing of netCDF-4 files: variables on named dimensions. A file has a temporary name until it
+//! is complete.
 
 use super::{Provenance, dimension};
 use crate::error::{Error, Result};
@@ -8,7 +9,7 @@ use ndarray::{ArrayView, Dimension};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
-/// The longest side of a chunk: 32^3 float values are 128 KiB.
+/// Maximum edge length of a chunk (values).
 const CHUNK: usize = 64;
 
 /// The value of an attribute.
@@ -22,8 +23,8 @@ pub(super) enum Attribute<'a> {
 /// Attributes by name.
 pub(super) type Attributes<'a> = [(&'a str, Attribute<'a>)];
 
-/// A file that is being written. It appears under its own name when it is finished,
-/// and not at all when it is dropped before.
+/// A file that is being written. It receives its final name when it is finished; if it is dropped
+/// before, the file is not created.
 pub(super) struct Output {
     path: PathBuf,
     temporary: tempfile::TempPath,
@@ -32,12 +33,12 @@ pub(super) struct Output {
 }
 
 impl Output {
-    /// Start a file that will be at `path`, with its global attributes.
+    /// Start the file `path` with its global attributes.
     pub(super) fn create(path: &Path, provenance: &Provenance) -> Result<Self> {
         let temporary = crate::files::temporary_beside(path)?;
         let file = hdf5::File::with_options()
             .with_fapl(|access| access.libver_v18())
-            // Without the time of day the same run writes the same bytes.
+            // Without time stamps, repeated runs write identical bytes.
             .with_fcpl(|creation| creation.obj_track_times(false))
             .create(&temporary)
             .map_err(|problem| cannot_write(path, "file", &problem))?;
@@ -64,7 +65,7 @@ impl Output {
         Ok(output)
     }
 
-    /// A dimension with its coordinate variable.
+    /// Add a dimension with its coordinate variable.
     pub(super) fn dimension<T: H5Type>(
         &mut self,
         name: &str,
@@ -86,13 +87,13 @@ impl Output {
         Ok(())
     }
 
-    /// A dimension whose coordinates are 0, 1, 2, ...
+    /// Add a dimension whose coordinates are 0, 1, 2, ...
     pub(super) fn counted(&mut self, name: &str, length: usize, long_name: &str) -> Result<()> {
         let numbers: Vec<i32> = (0..length as i32).collect();
         self.dimension(name, &numbers, &[("long_name", Attribute::Text(long_name))])
     }
 
-    /// A variable on dimensions that were declared before; on none for a scalar.
+    /// Add a variable on dimensions that were declared before; a scalar has none.
     pub(super) fn variable<'v, T: H5Type + Clone, D: Dimension>(
         &self,
         name: &str,
@@ -101,7 +102,7 @@ impl Output {
         attributes: &Attributes,
     ) -> Result<()> {
         let values = values.into();
-        // The file holds rows in C order, whatever the order in memory.
+        // The file has C order, regardless of the order in memory.
         let values = values.as_standard_layout();
         let chunk: Vec<usize> = values.shape().iter().map(|&n| n.clamp(1, CHUNK)).collect();
         let builder = self.file.new_dataset_builder().obj_track_times(false);
@@ -122,7 +123,7 @@ impl Output {
         self.attributes(&dataset, name, attributes)
     }
 
-    /// A single number.
+    /// Add a scalar variable.
     pub(super) fn scalar(&self, name: &str, value: f64, attributes: &Attributes) -> Result<()> {
         self.variable(name, &[], ndarray::arr0(value).view(), attributes)
     }
@@ -150,7 +151,7 @@ impl Output {
         Ok(())
     }
 
-    /// Close the file and give it its name.
+    /// Close the file and rename it to its final name.
     pub(super) fn finish(self) -> Result<()> {
         let Self { path, temporary, file, dimensions } = self;
         drop(dimensions);

@@ -465,8 +465,9 @@ mod tests {
             let [(_, faces)] = way;
             for (axis, values) in [&faces.x, &faces.y, &faces.z].into_iter().enumerate() {
                 for face in values.chunks_exact(3 * octant.ordinates) {
-                    for n in 0..octant.ordinates {
-                        let flux = face[n] * octant.weights[n] * octant.cosines[axis][n];
+                    let cosines = octant.cosines[axis].iter().zip(&octant.weights);
+                    for (radiance, (cosine, weight)) in face.iter().zip(cosines) {
+                        let flux = radiance * weight * cosine;
                         leaving += f64::from(flux) / lattice.grid.spacing[axis];
                     }
                 }

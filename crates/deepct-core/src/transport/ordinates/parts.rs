@@ -166,10 +166,12 @@ fn the_surface_has_its_transposes() {
                 for (axis, (values, adjoint)) in sides.into_iter().enumerate() {
                     let rows = values.chunks_exact(3 * octant.ordinates);
                     for (row, other) in rows.zip(adjoint.chunks_exact(3 * octant.ordinates)) {
-                        for n in 0..octant.ordinates {
-                            let streaming = f64::from(octant.cosines[axis][n] * octant.weights[n])
-                                / spacing[axis];
-                            sum += streaming * f64::from(row[n]) * f64::from(other[n]);
+                        let directions = octant.cosines[axis].iter().zip(&octant.weights);
+                        for ((value, adjoint), (cosine, weight)) in
+                            row.iter().zip(other).zip(directions)
+                        {
+                            let streaming = f64::from(cosine * weight) / spacing[axis];
+                            sum += streaming * f64::from(*value) * f64::from(*adjoint);
                         }
                     }
                 }
