@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Independent test of the four methods (docs/results.md), with images of another solver.
+"""Independent test of the four methods (docs/notes/results.md), with images of another solver.
 
     python3 benches/independent.py --simulations FOLDER --work DIR \
         [--program target/release/deepct] [--clouds 10 | --samples NAME,NAME] [--noise 0.02] \
@@ -40,6 +40,7 @@ class Bench:
     def __init__(self, arguments: argparse.Namespace) -> None:
         self.work, self.program = arguments.work, arguments.program.resolve()
         self.simulations, self.noise = arguments.simulations, arguments.noise
+        self.formation = arguments.formation
 
     def run(self, *arguments: object) -> str:
         """Run a command of the program and return its output."""
@@ -64,14 +65,15 @@ class Bench:
 
     def images(self, cloud: Path, kind: str) -> Path:
         """Noisy images of a cloud, rendered with one of the solvers."""
-        clean = self.work / f"{cloud.stem}-{kind}.nc"
-        noisy = self.work / f"{cloud.stem}-{kind}-noisy.nc"
+        ending = "" if self.formation == "cloudct-10" else f"-{self.formation}"
+        clean = self.work / f"{cloud.stem}-{kind}{ending}.nc"
+        noisy = self.work / f"{cloud.stem}-{kind}{ending}-noisy.nc"
         if not clean.exists():
             how = {
                 "monte-carlo": ["--noise", self.noise],
                 "ordinates": ["--solver", "ordinates"],
             }[kind]
-            self.run("-q", "render", cloud, "--views", "cloudct-10", "--air", *DROPLETS, *how,
+            self.run("-q", "render", cloud, "--views", self.formation, "--air", *DROPLETS, *how,
                      "--seed", 5, "--out", clean)
         if not noisy.exists():
             self.run("-q", "sense", clean, "--sensor", "cmv4000", "--seed", 3, "--out", noisy)
@@ -81,7 +83,7 @@ class Bench:
         """epsilon, delta and seconds of one method."""
         out = self.work / "answer.nc"
         if method == "network":
-            self.run("-q", "infer", images, "--weights", "cloudct-10", "--carve", "--out", out)
+            self.run("-q", "infer", images, "--weights", self.formation, "--carve", "--out", out)
             scores = json.loads(self.run("score", "--truth", cloud, out, "--json"))
             row = scores[0] if isinstance(scores, list) else scores
             return {"epsilon": row["relative_error"], "delta": row["mass_error"], "seconds": 0.0}
@@ -91,7 +93,7 @@ class Bench:
             printed = self.run("invert", images, "--grid", cloud, *common)
         else:
             quick = ["--quick"] if method == "quick-hybrid" else []
-            printed = self.run("hybrid", images, "--weights", "cloudct-10", *quick, *common)
+            printed = self.run("hybrid", images, "--weights", self.formation, *quick, *common)
         number = {
             name: float(re.search(rf"^{name}\s+(-?[\d.]+)", printed, re.MULTILINE)[1])
             for name in ("epsilon", "delta")
@@ -121,6 +123,7 @@ def main() -> None:
     parser.add_argument("--clouds", type=int, default=10)
     parser.add_argument("--samples", help="names of samples, in place of --clouds")
     parser.add_argument("--noise", type=float, default=0.02)
+    parser.add_argument("--formation", default="cloudct-10", help="cloudct-10 or pearls-32")
     parser.add_argument("--methods", default="network,physics,hybrid,quick-hybrid")
     parser.add_argument("--kinds", default="monte-carlo,ordinates")
     parser.add_argument("--radii", default="true,fixed")

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Measure the results in docs/results.md and write this page from results_template.md.
+"""Measure the results in docs/notes/results.md and write this page from results_template.md.
 
     python3 benches/results.py --simulations FOLDER --rico rico32_cloud.nc --work FOLDER \
         [--program target/release/deepct]
@@ -27,7 +27,7 @@ import numpy as np
 import xarray as xr
 
 HERE = Path(__file__).parent
-DOCS = HERE.parent / "docs"
+DOCS = HERE.parent / "docs" / "notes"
 NETWORKS = {"cloudct-10": "10 views", "pearls-32": "32 views"}
 WAYS = {"network": "A", "physics": "B", "hybrid": "C", "quick-hybrid": "D"}
 DEPTHS = {"below 10": (0.0, 10.0), "10 to 30": (10.0, 30.0), "above 30": (30.0, np.inf)}

@@ -7,7 +7,7 @@
 Writes the cloud as a volume of deepct, renders the views of `recipes/misr-nine-views.toml` with
 Monte Carlo and 2 % noise (which takes minutes), and inverts the images with the true and with the
 carved mask. The log of each inversion (epsilon by step and second) is stored in DIR. The results
-are reported in docs/deterministic_solver.md. Requires numpy and h5py.
+are reported in docs/notes/deterministic_solver.md. Requires numpy and h5py.
 """
 
 from __future__ import annotations

@@ -22,8 +22,8 @@ from pathlib import Path
 from typing import Any, Iterator
 
 GUIDE = Path(__file__).resolve().parent
-DOCS = GUIDE.parent
-ROOT = DOCS.parent
+ROOT = GUIDE.parents[1]
+DOCS = ROOT / "docs" / "notes"
 REPORTS = "reports"
 """Folder of the reports in the built guide."""
 OTHER_REPORTS = {"weights_tools.md": ROOT / "weights_tools" / "README.md"}
@@ -193,7 +193,7 @@ def copy_pages(folder: Path) -> None:
     for path in pages.rglob("*.md"):
         text = path.read_text(encoding="utf-8")
         text = text.replace("](../../../weights_tools/README.md", f"]({REPORTS}/weights_tools.md")
-        text = text.replace("](../../", f"]({REPORTS}/")
+        text = text.replace("](../../notes/", f"]({REPORTS}/")
         path.write_text(text.replace(f"```python\n{RUNS}\n", "```python\n"), encoding="utf-8")
     for name, path in reports().items():
         (pages / REPORTS).mkdir(exist_ok=True)

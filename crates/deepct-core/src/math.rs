@@ -6,6 +6,17 @@
 pub use glam::DVec3;
 use pulp::WithSimd;
 
+/// Nodes of the two-point Gauss-Legendre rule on [0, 1], both of weight 1/2.
+pub(crate) const GAUSS_TWO: [f64; 2] = [0.211_324_865_405_187_13, 0.788_675_134_594_812_9];
+
+/// Weights of the eight corners of a cell in trilinear interpolation at a position in it, from 0 to 1
+/// along x, y, z; bit 0 of a corner's number is its side along x, bit 1 along y, bit 2 along z.
+#[inline]
+pub(crate) fn corner_weights(at: DVec3) -> [f64; 8] {
+    let pairs = [at.x, at.y, at.z].map(|x| [1.0 - x, x]);
+    std::array::from_fn(|c| pairs[0][c & 1] * pairs[1][c >> 1 & 1] * pairs[2][c >> 2])
+}
+
 /// A half-line in space: `origin + distance * direction`, distance in km.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Ray {

@@ -86,7 +86,7 @@ pub fn score(truth: &Volume, estimate: &Volume) -> Result<Scores> {
         relative_error,
         mass_error: mass_error(truth, estimate)?,
         root_mean_square_error: (square / truth.grid.len() as f64).sqrt(),
-        correlation: correlation(truth, estimate),
+        correlation: correlation(pairs(truth, estimate)),
         profile: profile(truth, estimate),
     })
 }
@@ -125,7 +125,7 @@ fn share(part: usize, whole: usize) -> f64 {
     if whole == 0 { 0.0 } else { part as f64 / whole as f64 }
 }
 
-fn pairs(truth: &Volume, estimate: &Volume) -> impl Iterator<Item = (f64, f64)> {
+fn pairs(truth: &Volume, estimate: &Volume) -> impl Iterator<Item = (f64, f64)> + Clone {
     truth.values.iter().zip(&estimate.values).map(|(&a, &b)| (f64::from(a), f64::from(b)))
 }
 
@@ -134,20 +134,24 @@ fn norm(volume: &Volume) -> f64 {
     volume.values.iter().map(|value| f64::from(value.abs())).sum()
 }
 
-/// Pearson correlation coefficient, from sums of deviations from the mean.
-fn correlation(truth: &Volume, estimate: &Volume) -> Option<f64> {
-    let count = truth.grid.len() as f64;
-    let (sum_a, sum_b) =
-        pairs(truth, estimate).fold((0.0, 0.0), |(sa, sb), (a, b)| (sa + a, sb + b));
+/// Pearson correlation coefficient of pairs of numbers, from sums of deviations from the mean; `None` if
+/// one of both does not vary.
+pub(crate) fn correlation(pairs: impl Iterator<Item = (f64, f64)> + Clone) -> Option<f64> {
+    let (mut count, mut sum_a, mut sum_b) = (0.0, 0.0, 0.0);
+    for (a, b) in pairs.clone() {
+        count += 1.0;
+        sum_a += a;
+        sum_b += b;
+    }
     let (mean_a, mean_b) = (sum_a / count, sum_b / count);
     let (mut aa, mut ab, mut bb) = (0.0, 0.0, 0.0);
-    for (a, b) in pairs(truth, estimate) {
+    for (a, b) in pairs {
         let (a, b) = (a - mean_a, b - mean_b);
         aa += a * a;
         ab += a * b;
         bb += b * b;
     }
-    // A field is treated as constant if its spread does not exceed rounding errors.
+    // Numbers are treated as constant if their spread does not exceed rounding errors.
     let varies = |spread: f64, mean: f64| spread > count * (1e-12 * mean).powi(2);
     (varies(aa, mean_a) && varies(bb, mean_b)).then(|| ab / (aa * bb).sqrt())
 }

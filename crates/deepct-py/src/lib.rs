@@ -23,6 +23,13 @@ use pyo3::prelude::*;
 /// The module that `python/deepct_py/__init__.py` re-exports.
 #[pymodule]
 mod _deepct {
+    use pyo3::prelude::*;
+
+    #[pymodule_init]
+    fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
+        module.add("__version__", env!("CARGO_PKG_VERSION"))
+    }
+
     #[pymodule_export]
     use crate::carve::{Carved, carve};
     #[pymodule_export]

@@ -3,6 +3,7 @@
 use super::{ExperimentSettings, Outcome};
 use crate::error::Result;
 use crate::files;
+use crate::metrics::correlation;
 use crate::plot::{BoxGroup, box_figure};
 use std::fmt::Write;
 use std::path::Path;
@@ -45,13 +46,6 @@ fn mean_and_spread(values: &[f64]) -> (f64, f64) {
     let mean = values.iter().sum::<f64>() / count;
     let squares = values.iter().map(|value| (value - mean).powi(2)).sum::<f64>();
     (mean, (squares / (count - 1.0).max(1.0)).sqrt())
-}
-
-/// Pearson correlation coefficient over the clouds.
-fn correlation(first: &[f64], second: &[f64]) -> f64 {
-    let ((a, s), (b, t)) = (mean_and_spread(first), mean_and_spread(second));
-    let products = first.iter().zip(second).map(|(x, y)| (x - a) * (y - b)).sum::<f64>();
-    products / ((first.len() - 1) as f64 * s * t)
 }
 
 fn text(settings: &ExperimentSettings, outcomes: &[Outcome]) -> String {
@@ -129,12 +123,12 @@ fn text(settings: &ExperimentSettings, outcomes: &[Outcome]) -> String {
         .filter_map(|one| Some((100.0 * one.expected_relative_error?, 100.0 * one.relative_error)))
         .collect();
     if expected.len() > 1 {
-        let (told, found): (Vec<f64>, Vec<f64>) = expected.iter().copied().unzip();
+        let predicted: Vec<f64> = expected.iter().map(|(predicted, _)| *predicted).collect();
         line(format!(
             "Before the carving, the network expected an ε of {:.1} % in the mean; over the \
              clouds, the expected and actual ε have a correlation of {:.2}.\n",
-            mean_and_spread(&told).0,
-            correlation(&told, &found)
+            mean_and_spread(&predicted).0,
+            correlation(expected.iter().copied()).unwrap_or(f64::NAN)
         ));
     }
     line("## By cloud\n".into());

@@ -14,7 +14,7 @@ const LEAST_SENSITIVITY: f64 = 0.1;
 
 /// Factor `share` of the two terms of the Hessian: the coupling of voxels along lines of sight, and
 /// the diagonal of independent voxels. With such a small factor the prior dominates;
-/// docs/deterministic_solver.md compares other values.
+/// docs/notes/deterministic_solver.md compares other values.
 const SHARE: f64 = 0.03;
 
 /// Positions of the four rays through a pixel, as fractions of its sides.

@@ -4,7 +4,7 @@
 use super::page::{Anchor, Colour, Frame, Page, TICK};
 use super::panel::ColourScale;
 use crate::grid::{Grid, Volume};
-use crate::math::{DVec3, towards};
+use crate::math::{DVec3, corner_weights, towards};
 use glam::DVec2;
 use rayon::prelude::*;
 
@@ -138,13 +138,11 @@ fn trilinear(volume: &Volume, point: DVec3) -> f64 {
         return 0.0;
     }
     let mut sum = 0.0;
-    for corner in 0..8 {
-        let (a, b, c) = (corner & 1, corner >> 1 & 1, corner >> 2);
-        let (i, j, k) = (i + a, j + b, k + c);
+    for (corner, weight) in corner_weights(part).into_iter().enumerate() {
+        let side = |axis: usize| (corner >> axis & 1) as i64;
+        let (i, j, k) = (i + side(0), j + side(1), k + side(2));
         if (0..nx).contains(&i) && (0..ny).contains(&j) && (0..nz).contains(&k) {
-            let weight = |upper: i64, part: f64| if upper == 1 { part } else { 1.0 - part };
-            let value = volume.values[[k as usize, j as usize, i as usize]];
-            sum += weight(a, part.x) * weight(b, part.y) * weight(c, part.z) * f64::from(value);
+            sum += weight * f64::from(volume.values[[k as usize, j as usize, i as usize]]);
         }
     }
     sum

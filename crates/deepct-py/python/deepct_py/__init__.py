@@ -31,6 +31,7 @@ from ._deepct import (
     Sensor,
     View,
     Views,
+    __version__,
     carve,
     generate_cloud,
     hybrid,

@@ -7,6 +7,8 @@ from numpy.typing import ArrayLike, NDArray
 
 _Point = tuple[float, float, float]
 
+__version__: str
+
 class DeepctError(Exception): ...
 
 @final

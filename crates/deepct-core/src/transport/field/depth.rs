@@ -2,7 +2,7 @@
 
 use super::walk::Segment;
 use super::{Field, Heading, floor};
-use crate::math::DVec3;
+use crate::math::{DVec3, GAUSS_TWO};
 use rayon::prelude::*;
 
 impl Field {
@@ -116,9 +116,8 @@ impl CellRay {
     /// Optical depth of the first `length` km, by the two-point Gauss-Legendre rule.
     #[inline]
     fn depth(&self, length: f64) -> f64 {
-        /// (1 - 1 / sqrt(3)) / 2
-        const NODE: f64 = 0.211_324_865_405_187_1;
-        0.5 * length * (self.extinction(NODE * length) + self.extinction((1.0 - NODE) * length))
+        let [first, second] = GAUSS_TWO;
+        0.5 * length * (self.extinction(first * length) + self.extinction(second * length))
     }
 
     /// Distance at which the optical depth reaches `target`, where `total` is the optical depth of

@@ -3,16 +3,14 @@
 use super::lattice::{Lattice, Segment, basis};
 use super::optics::Optics;
 use super::quadrature::gauss_legendre;
-use crate::math::{DVec3, Ray};
+use crate::math::{DVec3, GAUSS_TWO, Ray, corner_weights};
 use rayon::prelude::*;
 
 /// Optical depth beyond which no light is transmitted.
 const DARK: f64 = 40.0;
 /// Number of parts into which the work of one derivative is divided, each with its own array.
 pub(super) const PARTS: usize = 4;
-/// Nodes of the Gauss-Legendre rules with two and three points on [0, 1], and the weights of the
-/// latter.
-const TWO: [f64; 2] = [0.211_324_865_405_187_13, 0.788_675_134_594_812_9];
+/// Nodes and weights of the three-point Gauss-Legendre rule on [0, 1].
 pub(super) const THREE: [(f64, f64); 3] = [
     (0.112_701_665_379_258_3, 5.0 / 18.0),
     (0.5, 8.0 / 18.0),
@@ -38,7 +36,7 @@ impl Rays<'_> {
         let reach = segment.to - segment.from;
         let at = |x| segment.from + x * reach;
         let value = |x| self.lattice.value_in(self.extinction, segment.number, at(x));
-        let mean = 0.5 * (value(TWO[0]) + value(TWO[1]));
+        let mean = 0.5 * (value(GAUSS_TWO[0]) + value(GAUSS_TWO[1]));
         f64::from(self.optics.delta_m_scaling(segment.number)) * segment.length * mean
     }
 
@@ -60,7 +58,7 @@ impl Rays<'_> {
         for segment in self.lattice.segments(ray) {
             let scaling = f64::from(self.optics.delta_m_scaling(segment.number));
             let weight = 0.5 * value * scaling * segment.length;
-            for x in TWO {
+            for x in GAUSS_TWO {
                 let at = segment.from + x * (segment.to - segment.from);
                 self.lattice.spread_in(into, segment.number, at, weight);
             }
@@ -101,7 +99,7 @@ impl Rays<'_> {
     }
 
     fn sun_ray(&self, slot: usize, point: usize, sun: DVec3) -> Ray {
-        let at = DVec3::new(TWO[point & 1], TWO[point >> 1 & 1], TWO[point >> 2]);
+        let at = DVec3::new(GAUSS_TWO[point & 1], GAUSS_TWO[point >> 1 & 1], GAUSS_TWO[point >> 2]);
         Ray { origin: self.lattice.point(slot, at), direction: sun }
     }
 
@@ -175,7 +173,7 @@ pub(super) fn sun_depth(depths: &[f32; 8], at: DVec3) -> f64 {
 /// The same without the limit: beyond the points at which it is known, it may fall below zero.
 #[inline]
 fn linear_sun_depth(depths: &[f32; 8], at: DVec3) -> f64 {
-    let weights = super::lattice::corner_weights((at - TWO[0]) / (TWO[1] - TWO[0]));
+    let weights = corner_weights((at - GAUSS_TWO[0]) / (GAUSS_TWO[1] - GAUSS_TWO[0]));
     depths.iter().zip(weights).map(|(depth, weight)| weight * f64::from(*depth)).sum()
 }
 
@@ -185,7 +183,7 @@ pub(super) fn spread_sun_depth(into: &mut [f32; 8], depths: &[f32; 8], at: DVec3
     if linear_sun_depth(depths, at) <= 0.0 {
         return;
     }
-    let weights = super::lattice::corner_weights((at - TWO[0]) / (TWO[1] - TWO[0]));
+    let weights = corner_weights((at - GAUSS_TWO[0]) / (GAUSS_TWO[1] - GAUSS_TWO[0]));
     for (sum, weight) in into.iter_mut().zip(weights) {
         *sum += (weight * value) as f32;
     }

@@ -10,7 +10,7 @@ use super::broadened::LEVELS;
 use super::optics::Changes;
 use super::quadrature::first_harmonics;
 use super::surroundings::{BySurface, OnSurface, Outside, Surroundings};
-use crate::math::{DVec3, Ray};
+use crate::math::{DVec3, GAUSS_TWO, Ray};
 use crate::scene::{Projection, View};
 
 /// Largest optical depth of a step along a ray, for the extinction that the model is prepared for.
@@ -27,7 +27,7 @@ const FIBONACCI: [usize; 16] =
     [3, 5, 8, 13, 21, 34, 55, 89, 144, 233, 377, 610, 987, 1597, 2584, 4181];
 /// Positions of the two points in a step; the extinction is taken as linear through both (see
 /// [`before`]).
-const POINTS: [f64; 2] = [0.211_324_865_405_187_13, 0.788_675_134_594_812_9];
+const POINTS: [f64; 2] = GAUSS_TWO;
 
 /// Part of an image, small enough for all its rays to have nearly the same direction.
 #[derive(Debug, Clone, Copy)]

@@ -1,7 +1,7 @@
 //! Cells of the solver, and the extinction in them.
 
 use crate::grid::Grid;
-use crate::math::{DVec3, Ray};
+use crate::math::{DVec3, Ray, corner_weights};
 use crate::optics::Interpolation;
 use crate::scene::Boundary;
 use crate::traverse::walk;
@@ -393,13 +393,6 @@ pub(super) fn index(grid: &Grid, cell: usize) -> [usize; 3] {
 /// Position of a corner, from 0 to 1 along each axis.
 fn place_of(corner: usize) -> DVec3 {
     DVec3::new((corner & 1) as f64, (corner >> 1 & 1) as f64, (corner >> 2) as f64)
-}
-
-/// Weights of the eight corners at a position in a cell.
-#[inline]
-pub(super) fn corner_weights(at: DVec3) -> [f64; 8] {
-    let pairs = [at.x, at.y, at.z].map(|x| [1.0 - x, x]);
-    std::array::from_fn(|c| pairs[0][c & 1] * pairs[1][c >> 1 & 1] * pairs[2][c >> 2])
 }
 
 /// Contribution of a corner to the mean and the slopes.

@@ -45,7 +45,7 @@ impl Default for OrdinatesSettings {
 
 impl OrdinatesSettings {
     /// Settings for an approximate relative error of the bright pixels of single clouds;
-    /// `docs/deterministic_solver.md` lists the measured errors. For 0.01 and similar values they
+    /// `docs/notes/deterministic_solver.md` lists the measured errors. For 0.01 and similar values they
     /// are the defaults.
     ///
     /// # Errors
@@ -72,7 +72,7 @@ impl OrdinatesSettings {
 
     /// Settings of a coarser solution: fewer ordinates, cells of twice the optical depth and fewer
     /// rays; `None` if there is no coarser solution. The images of both solutions differ by about
-    /// five times the error of the finer one: see `docs/deterministic_solver.md`, "The estimated
+    /// five times the error of the finer one: see `docs/notes/deterministic_solver.md`, "The estimated
     /// error".
     pub(in crate::transport) fn coarser(&self) -> Option<Self> {
         (self.zenith_angles >= 8).then(|| Self {
