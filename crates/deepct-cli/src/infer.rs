@@ -4,6 +4,7 @@ use crate::config;
 use crate::defaults;
 use crate::global::Global;
 use crate::outcome::Outcome;
+use crate::output::check_output;
 use deepct_core::carve::{CarveSettings, carve};
 use deepct_core::conv;
 use deepct_core::grid::{Mask, Volume};
@@ -66,6 +67,9 @@ impl ConvolutionSettings {
 }
 
 pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
+    let mut inputs = vec![&*args.images, &*args.weights];
+    inputs.extend(args.mask.as_deref());
+    check_output(&args.out, &inputs)?;
     let settings: InferSettings = args.settings.resolve(defaults::INFER)?;
     let weights = load_weights(&args.weights)?;
     let convolution = settings.convolution.resolve()?;

@@ -4,6 +4,7 @@ use crate::config::{self, Values};
 use crate::defaults;
 use crate::global::Global;
 use crate::light::LightFlags;
+use crate::output::check_output;
 use crate::progress::InversionProgress;
 use deepct_core::carve::{CarveSettings, carve};
 use deepct_core::grid::{Grid, Mask, Volume};
@@ -119,6 +120,10 @@ impl Job<'_> {
     /// Runs the inversion, writes the output file and prints a summary.
     pub(crate) fn run(mut self, global: &Global) -> Result<()> {
         let flags = self.flags;
+        let mut inputs = vec![self.images];
+        inputs.extend(flags.mask.as_deref());
+        inputs.extend(flags.truth.as_deref());
+        check_output(&flags.out, &inputs)?;
         self.settings.inversion.iterations =
             flags.iterations.unwrap_or(self.settings.inversion.iterations);
         let mask = self.mask()?;

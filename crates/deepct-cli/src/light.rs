@@ -93,12 +93,18 @@ pub(crate) fn resolve_light(
     let stated = observation.light.values();
     let light = observation.light.with_values(given)?;
     let assumed = |key: &String| observation.assumed.contains(key);
+    let file = path.display();
     for (key, value) in light.values() {
-        if let Some(old) = stated.get(&key).filter(|old| **old != value && !assumed(&key)) {
-            let file = path.display();
-            eprintln!(
+        match stated.get(&key) {
+            Some(old) if *old != value && !assumed(&key) => eprintln!(
                 "deepct: warning: {key} is {old} in {file}, but {value} was given: {value} is used"
-            );
+            ),
+            None if observation.assumed.is_empty() => {
+                eprintln!(
+                    "deepct: warning: {key} is not set in {file}, but {value} was given: it is used"
+                );
+            }
+            _ => {}
         }
     }
     observation.light = light;
@@ -115,6 +121,7 @@ pub(crate) fn resolve_light(
         .filter(|key| matters(key, &observation.light))
         .map(|key| format!("{key} = {}", values[key]))
         .collect();
+    warn_of_waves(&observation.light);
     if !missing.is_empty() && !quiet {
         eprintln!(
             "deepct: {} does not specify the whole scene illumination; assumed: {} \
@@ -124,6 +131,17 @@ pub(crate) fn resolve_light(
         );
     }
     Ok(())
+}
+
+/// Warns of what the discrete-ordinates solver leaves out.
+pub(crate) fn warn_of_waves(light: &Light) {
+    if light.surface.waves.is_some() {
+        eprintln!(
+            "deepct: warning: the discrete-ordinates solver neglects the light of the cloud that waves \
+             reflect: radiances of the ocean near a cloud are up to 25 % too low; --solver monte-carlo \
+             of render includes it"
+        );
+    }
 }
 
 /// Whether a value of the light has an effect on an inversion.

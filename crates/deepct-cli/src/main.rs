@@ -21,6 +21,7 @@ mod invert;
 mod light;
 mod man;
 mod outcome;
+mod output;
 mod plot;
 mod progress;
 mod render;

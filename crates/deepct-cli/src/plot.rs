@@ -2,10 +2,10 @@
 
 use crate::outcome::Outcome;
 use deepct_core::grid::Volume;
-use deepct_core::io::{read_cloud, read_observation};
+use deepct_core::io::{read_cloud, read_light, read_observation};
 use deepct_core::plot::{contact_sheet, volume_figure};
-use deepct_core::scene::Observation;
-use deepct_core::{Error, Result, optics};
+use deepct_core::scene::{Light, Observation};
+use deepct_core::{Error, Result};
 use std::path::{Path, PathBuf};
 
 /// Draw a volume, alone or beside the truth, or a sheet of images, as a PNG file
@@ -37,9 +37,11 @@ pub(crate) fn run(args: &Args) -> Result<Outcome> {
     }
     let name = || args.file.file_name().unwrap_or_default().to_string_lossy().into_owned();
     let title = args.title.clone().unwrap_or_else(name);
-    match read_content(&args.file)? {
+    let light = read_light(&args.file)?.map_or_else(Light::default, |(light, _)| light);
+    match read_content(&args.file, &light)? {
         Content::Volume(estimate) => {
-            let truth = args.truth.as_deref().map(read_extinction).transpose()?;
+            let truth = args.truth.as_deref().map(|path| read_extinction(path, &light));
+            let truth = truth.transpose()?;
             volume_figure(&args.out, &estimate, truth.as_ref(), &title)
                 .map_err(Error::in_file(&args.file))?;
         }
@@ -60,8 +62,8 @@ pub(crate) fn run(args: &Args) -> Result<Outcome> {
 
 /// Reads a volume, or else images. If the file is neither, the error of the kind that it resembles
 /// is returned: that of images if it has a radiance variable, otherwise that of a volume.
-fn read_content(path: &Path) -> Result<Content> {
-    let problem = match read_extinction(path) {
+fn read_content(path: &Path, light: &Light) -> Result<Content> {
+    let problem = match read_extinction(path, light) {
         Ok(volume) => return Ok(Content::Volume(volume)),
         Err(problem) => problem,
     };
@@ -76,8 +78,9 @@ fn read_content(path: &Path) -> Result<Content> {
     }
 }
 
-fn read_extinction(path: &Path) -> Result<Volume> {
-    optics::extinction(&read_cloud(path)?).map_err(Error::in_file(path))
+/// The extinction in the light of the file that is drawn.
+fn read_extinction(path: &Path, light: &Light) -> Result<Volume> {
+    light.extinction(&read_cloud(path)?).map_err(Error::in_file(path))
 }
 
 /// Labels with the viewing direction and the pixel size of each image.

@@ -1,8 +1,9 @@
 //! `deepct render`: simulation of the images of a cloud.
 
 use crate::global::Global;
-use crate::light::LightFlags;
+use crate::light::{LightFlags, warn_of_waves};
 use crate::outcome::Outcome;
+use crate::output::check_output;
 use crate::progress::RenderProgress;
 use deepct_core::image::ViewStack;
 use deepct_core::io::{Provenance, read_cloud, write_exr, write_observation};
@@ -99,8 +100,12 @@ const MOST_SAMPLES: u32 = 1 << 24;
 
 pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let light = args.light.describe(&args.set)?;
+    check_output(&args.out, &[&args.cloud])?;
     args.check_solver()?;
     args.ordinates()?;
+    if matches!(args.solver, Method::Ordinates) {
+        warn_of_waves(&light);
+    }
     let list = ViewList::find(&args.views)?;
     let cloud = read_cloud(&args.cloud)?;
     let (center, [_, rows, cols]) = (cloud.grid.center(), cloud.grid.shape);

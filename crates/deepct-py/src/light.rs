@@ -117,7 +117,7 @@ impl Light {
     /// A copy with other values of the given keywords.
     #[pyo3(signature = (**values), text_signature = "($self, **values)")]
     fn replace(&self, values: Option<&Bound<'_, PyDict>>) -> PyResult<Self> {
-        let mut given = Values::new();
+        let mut given = self.0.values();
         for (name, object) in values.into_iter().flatten() {
             let name: String = name.extract()?;
             let Some(key) = scene::Light::keys().iter().find(|key| plain(key) == name) else {
@@ -125,11 +125,12 @@ impl Light {
                 let text = format!("Light has no \"{name}\"; it has {}", names.join(", "));
                 return Err(PyTypeError::new_err(text));
             };
-            if !object.is_none() {
-                given.insert((*key).to_owned(), value(&object, &name)?);
-            }
+            match object.is_none() {
+                true => given.remove(*key),
+                false => given.insert((*key).to_owned(), value(&object, &name)?),
+            };
         }
-        self.0.with_values(&given).map(Self).map_err(raise)
+        scene::Light::default().with_values(&given).map(Self).map_err(raise)
     }
 
     /// The values by keyword. Optional values that are not set are absent.

@@ -212,6 +212,7 @@ def test_a_light_is_a_table_of_values():
     assert light.wind_speed == 5.0 and light.air is True and light.effective_radius is None
     assert deepct_py.Light(**light.to_dict()) == light
     assert light.replace(air=False) != light
+    assert light.replace(wind_speed=None).wind_speed is None
     assert "phase=\"mie\"" in repr(light)
     for error, values in [
         (TypeError, {"sun_zenith": 3.0}),

@@ -50,7 +50,7 @@ fn wrong_input_is_refused() {
     program.refuse("plot none.nc --out a.png", &["none.nc"]);
     program.refuse("plot text.nc --out a.png", &["text.nc", "HDF5"]);
     program.refuse("plot V.nc --out a.jpg", &["--out", "a.jpg", ".png"]);
-    program.refuse("plot V.nc --truth flat.nc --out a.png", &["V.nc", "one grid"]);
+    program.refuse("plot V.nc --truth flat.nc --out a.png", &["V.nc", "same grid"]);
     program.refuse("plot I.nc --truth V.nc --out a.png", &["I.nc", "--truth"]);
     program.refuse("plot V.nc --out nowhere/a.png", &["nowhere"]);
 }

@@ -231,8 +231,7 @@ impl<'a> Run<'a> {
                 .mapv(|value| self.settings.start_error * f64::from(value).max(LEAST_UNCERTAINTY));
             prior = prior.with_errors(&variables.gather(&errors));
         }
-        let coarse_error =
-            if *block > 1 { *block as f64 * self.settings.coarse_error } else { 0.0 };
+        let coarse_error = if *near { 0.0 } else { *block as f64 * self.settings.coarse_error };
         let measurement = self.measurement.with_model_error(coarse_error);
         let from = match &beginning {
             Beginning::Volume(extinction, _) => {

@@ -152,8 +152,14 @@ impl Light {
         if !positive(irradiance) {
             return Err(Error::out_of_range("solar_irradiance", irradiance, "positive"));
         }
-        if !positive(self.wavelength) {
-            return Err(Error::out_of_range("wavelength", self.wavelength, "positive (um)"));
+        if !(0.1..=100.0).contains(&self.wavelength) {
+            let range = "from 0.1 to 100 um (red light has 0.672 um)";
+            return Err(Error::out_of_range("wavelength", self.wavelength, range));
+        }
+        let width = self.optics.bandwidth;
+        if !(0.0..2.0 * self.wavelength).contains(&width) {
+            let range = "from 0 to less than twice the wavelength (um)";
+            return Err(Error::out_of_range("optics.bandwidth", width, range));
         }
         if self.air {
             Air::new(self.wavelength)?;
@@ -233,8 +239,11 @@ impl Light {
     /// is recorded, because an inversion uses a single value.
     pub fn recorded(&self, cloud: &Cloud) -> Self {
         let mut light = self.clone();
-        if light.optics.phase == PhaseModel::Mie && light.optics.effective_radius.is_none() {
-            light.optics.effective_radius = cloud.mean_effective_radius();
+        if let (PhaseModel::Mie, Some(droplets)) = (light.optics.phase, &cloud.microphysics) {
+            let variance = || Some(droplets.mean_effective_variance());
+            light.optics.effective_radius =
+                light.optics.effective_radius.or_else(|| cloud.mean_effective_radius());
+            light.optics.effective_variance = light.optics.effective_variance.or_else(variance);
         }
         light
     }
@@ -347,6 +356,9 @@ impl Light {
     /// # Errors
     /// Returns an error if a key is unknown, or if a value has the wrong type or is out of range.
     pub fn with_values(&self, values: &BTreeMap<String, toml::Value>) -> Result<Self> {
+        for (key, value) in values {
+            check_value(key, value)?;
+        }
         let mut table = toml::Table::new();
         for (key, value) in self.values().iter().chain(values) {
             // Integers are accepted as numbers, such as a wind speed in whole metres per second.
@@ -354,38 +366,51 @@ impl Light {
                 toml::Value::Integer(number) => toml::Value::Float(*number as f64),
                 value => value.clone(),
             };
-            match key.split_once('.') {
-                None => {
-                    table.insert(key.clone(), value);
-                }
-                Some((above, name)) => {
-                    let below = table.entry(above).or_insert_with(|| toml::Table::new().into());
-                    let Some(below) = below.as_table_mut() else {
-                        return Err(Error::out_of_range(
-                            "light",
-                            key,
-                            "a key of `deepct config light`",
-                        ));
-                    };
-                    below.insert(name.to_owned(), value);
-                }
-            }
+            let (section, name) = key.split_once('.').unwrap_or(("", key));
+            let into = match section {
+                "" => &mut table,
+                _ => table
+                    .entry(section)
+                    .or_insert_with(|| toml::Table::new().into())
+                    .as_table_mut()
+                    .expect("a section of known keys"),
+            };
+            into.insert(name.to_owned(), value);
         }
         let table: LightTable = table.try_into().map_err(|problem: toml::de::Error| {
-            let given: Vec<_> =
-                values.iter().map(|(key, value)| format!("{key} = {value}")).collect();
-            let nested = |key: &&String| KEYS.contains(&&*format!("optics.{key}"));
-            let range = match values.keys().find(nested) {
-                Some(key) => format!("given with optics.{key} in place of {key}"),
-                None => {
-                    let problem = problem.message().replace('\n', " ");
-                    format!("as printed by `deepct config light`: {problem}")
-                }
-            };
-            Error::out_of_range("light", given.join(", "), range)
+            let problem = problem.message().replace('\n', " ");
+            Error::out_of_range("light", problem, "as printed by `deepct config light`")
         })?;
         table.try_into()
     }
+}
+
+/// Returns an error unless the key is known and the value is of its kind.
+fn check_value(key: &str, value: &toml::Value) -> Result<()> {
+    let last = |key: &str| key.rsplit('.').next().unwrap_or_default().to_owned();
+    let Some(known) = KEYS.iter().find(|known| **known == key) else {
+        let meant = KEYS.iter().find(|known| last(known) == last(key));
+        let range = meant.map_or("a key of `deepct config light`".to_owned(), |meant| {
+            format!("{meant} (see `deepct config light`)")
+        });
+        return Err(Error::out_of_range("key of the light", key, range));
+    };
+    let names: &[&str] = match *known {
+        "optics.extinction" => &["geometric", "mie"],
+        "optics.phase" => &["hg", "henyey-greenstein", "mie", "isotropic"],
+        "optics.distribution" => &["gamma", "lognormal"],
+        _ => &[],
+    };
+    let (fits, range) = match *known {
+        "air" | "periodic" => (value.is_bool(), "true or false".to_owned()),
+        _ if names.is_empty() => (value.is_float() || value.is_integer(), "a number".to_owned()),
+        _ => (value.as_str().is_some_and(|text| names.contains(&text)), names.join(" or ")),
+    };
+    if fits {
+        return Ok(());
+    }
+    let range = format!("{range} (see `deepct config light`)");
+    Err(Error::out_of_range(known, value, range))
 }
 
 impl DropletOpticsModel {
@@ -403,6 +428,11 @@ impl DropletOpticsModel {
                 radius,
                 "from 0.1 to 50 um",
             ));
+        }
+        if self.effective_variance.is_some_and(|variance| !(variance > 0.0 && variance <= 0.4)) {
+            let variance = self.effective_variance.unwrap_or_default();
+            let range = "above 0 and at most 0.4";
+            return Err(Error::out_of_range("optics.effective_variance", variance, range));
         }
         Ok(())
     }

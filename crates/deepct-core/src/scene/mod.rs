@@ -19,6 +19,9 @@ use crate::math::{DVec3, towards};
 use crate::optics::Medium;
 use crate::optics::air::Air;
 
+/// Difference of two altitudes (km) that is due to rounding.
+const ROUNDING: f64 = 1e-9;
+
 /// The Sun: a beam of parallel light.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sun {
@@ -95,7 +98,7 @@ impl Scene {
     pub fn new(medium: Medium, sun: Sun, surface: Surface) -> Result<Self> {
         surface.check()?;
         let bottom = medium.extinction.grid.lower().z;
-        if surface.altitude.is_nan() || surface.altitude > bottom {
+        if surface.altitude.is_nan() || surface.altitude > bottom + ROUNDING {
             return Err(Error::out_of_range(
                 "surface altitude",
                 format!("{} km", surface.altitude),

@@ -13,6 +13,19 @@ use std::path::Path;
 const CONTAINER: &str = "light";
 
 /// Quantities stored as variables: name, key in [`Light`], unit, long name, standard name.
+const OTHER_ATTRIBUTES: [&str; 10] = [
+    "long_name",
+    "standard_name",
+    "units",
+    "comment",
+    "coordinates",
+    "grid_mapping",
+    "DIMENSION_LIST",
+    "REFERENCE_LIST",
+    "CLASS",
+    "NAME",
+];
+
 const VARIABLES: [(&str, &str, &str, &str, &str); 4] = [
     (
         "sun_zenith_deg",
@@ -82,6 +95,16 @@ pub(super) fn get_light(input: &Input) -> Result<(Light, Vec<String>)> {
     }
     if input.has(CONTAINER) {
         let container = input.variable(CONTAINER)?;
+        let known: Vec<String> = Light::keys().iter().map(|key| key.replace('.', "_")).collect();
+        let other = |name: &&String| {
+            let of_the_format = OTHER_ATTRIBUTES.contains(&&***name) || name.starts_with('_');
+            !of_the_format && !known.contains(name)
+        };
+        if let Some(name) = container.attributes().iter().find(other) {
+            let remedy = "correct the name of the attribute; `deepct config light` lists the keys, \
+                          in which a dot is written as _";
+            return Err(container.error(format!("has an unknown attribute {name}"), remedy));
+        }
         for key in Light::keys() {
             let name = key.replace('.', "_");
             let value = match (container.number(&name), container.text(&name)) {
@@ -91,6 +114,10 @@ pub(super) fn get_light(input: &Input) -> Result<(Light, Vec<String>)> {
                     "false" => toml::Value::Boolean(false),
                     _ => toml::Value::String(text),
                 },
+                (None, None) if container.attributes().contains(&name) => {
+                    let problem = format!("has an attribute {name} that is no number and no text");
+                    return Err(container.error(problem, "write a number, a text, true or false"));
+                }
                 (None, None) => continue,
             };
             values.insert((*key).to_owned(), value);

@@ -204,6 +204,11 @@ impl Variable<'_> {
         attribute.read_raw::<f64>().ok()?.first().copied()
     }
 
+    /// The names of its attributes.
+    pub(crate) fn attributes(&self) -> Vec<String> {
+        self.dataset.attr_names().unwrap_or_default()
+    }
+
     /// All values as real numbers.
     pub(crate) fn reals<T: Real>(&self) -> Result<ArrayD<T>> {
         let all: Vec<_> = self.shape.iter().map(|&length| 0..length).collect();
