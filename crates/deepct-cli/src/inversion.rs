@@ -46,7 +46,11 @@ pub(crate) struct Flags {
 impl Flags {
     /// The settings of the run, and the values of the scene illumination that replace those in the
     /// file of the images.
-    pub(crate) fn resolve(&self) -> Result<(InvertSettings, Values)> {
+    pub(crate) fn resolve(&self, images: &Path) -> Result<(InvertSettings, Values)> {
+        let mut inputs = vec![images];
+        inputs.extend(self.mask.as_deref());
+        inputs.extend(self.truth.as_deref());
+        check_output(&self.out, &inputs)?;
         let (settings, mut values): (InvertSettings, Values) =
             self.settings.resolve_with_light(defaults::INVERT)?;
         settings.inversion.check()?;
@@ -120,10 +124,6 @@ impl Job<'_> {
     /// Runs the inversion, writes the output file and prints a summary.
     pub(crate) fn run(mut self, global: &Global) -> Result<()> {
         let flags = self.flags;
-        let mut inputs = vec![self.images];
-        inputs.extend(flags.mask.as_deref());
-        inputs.extend(flags.truth.as_deref());
-        check_output(&flags.out, &inputs)?;
         self.settings.inversion.iterations =
             flags.iterations.unwrap_or(self.settings.inversion.iterations);
         let mask = self.mask()?;
