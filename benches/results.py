@@ -15,7 +15,6 @@ import argparse
 import json
 import re
 import shlex
-import shutil
 import subprocess
 import sys
 from collections.abc import Callable
@@ -29,7 +28,6 @@ import xarray as xr
 HERE = Path(__file__).parent
 DOCS = HERE.parent / "docs" / "notes"
 NETWORKS = {"cloudct-10": "10 views", "pearls-32": "32 views"}
-WAYS = {"network": "A", "physics": "B", "hybrid": "C", "quick-hybrid": "D"}
 DEPTHS = {"below 10": (0.0, 10.0), "10 to 30": (10.0, 30.0), "above 30": (30.0, np.inf)}
 SQUARES = {
     64: ["--set", "counts.test=6"],
@@ -97,10 +95,9 @@ def main() -> None:
     arguments.work.mkdir(parents=True, exist_ok=True)
     bench = Bench(arguments)
     test = bench.samples("bomex-test", "bomex-test.toml")
-    isolated, ways, fields, rico = {}, {}, {}, {}
+    isolated, fields, rico = {}, {}, {}
     for name in NETWORKS:
         settings = [f"dataset={test}", f"weights={name}"]
-        ways[name] = bench.experiment(f"ways-{name}", "four-ways.toml", *settings)
         isolated[name] = bench.experiment(f"test-{name}", "test-clouds.toml", *settings)
         for columns in SQUARES:
             fields[name, columns] = field(bench, name, columns)
@@ -110,13 +107,10 @@ def main() -> None:
         networks=network_table(isolated),
         depths=depth_table(isolated),
         expected=expected(isolated),
-        **{f"ways_{name[-2:]}": way_table(ways[name]) for name in NETWORKS},
-        compared=compared(ways),
         fields=field_table(fields, isolated),
         rico_10=percent(rico["cloudct-10"]),
         rico_32=percent(rico["pearls-32"]),
         rico_plain=percent(rico["plain"]),
-        pictures=pictures(bench, ways["cloudct-10"]),
     )
     (DOCS / "results.md").write_text(page)
 
@@ -186,31 +180,6 @@ def expected(isolated: dict[str, list[dict]]) -> str:
     return " and ".join(sentences)
 
 
-def way_table(results: list[dict]) -> str:
-    rows = [["method", "epsilon (%)", "delta (%)", "time (s)", "steps"]]
-    for way, letter in WAYS.items():
-        seconds, steps = column(results, "seconds", way), column(results, "steps", way).mean()
-        error, delta = (
-            spread(100.0 * column(results, key, way)) for key in ("relative_error", "mass_error")
-        )
-        digits = 3 if way == "network" else 2
-        steps = f"{steps:.1f}" if steps > 0.0 else ""
-        rows.append([f"{letter} {way}", error, delta, spread(seconds, digits), steps])
-    return table(*rows)
-
-
-def compared(ways: dict[str, list[dict]]) -> str:
-    rows = [["D over C", "epsilon (target 1.10)", "time (target 0.20)"]]
-    for name, views in NETWORKS.items():
-        ratios = [
-            column(ways[name], key, "quick-hybrid").mean()
-            / column(ways[name], key, "hybrid").mean()
-            for key in ("relative_error", "seconds")
-        ]
-        rows.append([views, *(f"{ratio:.3f}" for ratio in ratios)])
-    return table(*rows)
-
-
 def field(bench: Bench, name: str, columns: int) -> Field:
     """The errors of a network for fields of a given size."""
     place = f"fields-{columns}-{name}"
@@ -274,22 +243,6 @@ def rico_scene(bench: Bench, out: Path) -> None:
     middles = 0.05 * (np.arange(COLUMNS) + 0.5)
     places = {axis: (axis, middles, {"units": "km"}) for axis in "xy"}
     cloud.pad(around, constant_values=0.0).assign_coords(places).to_netcdf(out, engine="h5netcdf")
-
-
-def pictures(bench: Bench, results: list[dict]) -> str:
-    """Copy the figures of the page and return the links to those of the clouds."""
-    folder = DOCS / "results"
-    shutil.rmtree(folder, ignore_errors=True)
-    folder.mkdir()
-    for name in NETWORKS:
-        figures = bench.work / f"ways-{name}" / "figures"
-        shutil.copy(figures / "errors.png", folder / f"{name}-errors.png")
-    figures = bench.work / "ways-cloudct-10" / "figures"
-    clouds = [result["cloud"] for result in results if result["method"] == "hybrid"]
-    for cloud in clouds:
-        shutil.copy(figures / f"{cloud}-hybrid.png", folder)
-    links = [f"[{n}](results/{cloud}-hybrid.png)" for n, cloud in enumerate(clouds, 1)]
-    return ",\n".join(links)
 
 
 if __name__ == "__main__":
