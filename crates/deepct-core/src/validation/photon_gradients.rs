@@ -19,7 +19,7 @@ const ACCURACY: f64 = 0.05;
 /// The extinction is scaled by 1 plus and minus this.
 const STEP: f32 = 0.1;
 /// Photon paths per pixel in a short and in a long run.
-const PATHS: [u32; 2] = [2000, 40_000];
+const PATHS: [u32; 2] = [2000, 10_000];
 
 pub(super) fn run(report: &mut Report) -> Result<()> {
     let long = report.effort.relative_error.is_some();
