@@ -77,8 +77,8 @@ pub(super) fn put_light(output: &Output, observation: &Observation) -> Result<()
 /// The scene illumination of an open file and the required keys that it does not specify.
 pub(super) fn get_light(input: &Input) -> Result<(Light, Vec<String>)> {
     let mut values = BTreeMap::new();
-    for (name, key, ..) in VARIABLES {
-        values.insert(key.to_owned(), toml::Value::Float(input.scalar(name)?));
+    for (name, key, unit, ..) in VARIABLES {
+        values.insert(key.to_owned(), toml::Value::Float(input.scalar(name, unit)?));
     }
     if input.has(CONTAINER) {
         let container = input.variable(CONTAINER)?;
