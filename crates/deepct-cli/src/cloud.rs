@@ -12,6 +12,7 @@ use deepct_core::io::{Provenance, write_cloud};
 use deepct_core::math::DVec3;
 use deepct_core::optics::extinction;
 use deepct_core::{Error, Result};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// Generate a random cloud, or import one from another file
@@ -83,6 +84,15 @@ struct ImportArgs {
     /// Number of levels; by default all levels up to the top of the file
     #[arg(long, value_name = "N")]
     levels: Option<usize>,
+    /// Units of the values of a variable, in place of those in the file, such as "ql=kg kg-1"; may
+    /// be given several times
+    #[arg(long, value_name = "NAME=UNITS", value_parser = units)]
+    units: Vec<(String, String)>,
+    /// Accept values far beyond those of clouds with a warning: liquid water above 20 g/m3,
+    /// extinctions above 10000 1/km, effective radii outside 1 to 60 um, and densities of air
+    /// outside 0.1 to 2 kg/m3
+    #[arg(long)]
+    allow_implausible: bool,
     /// Write every isolated cloud to a separate file in the folder --out, on a square with this
     /// many columns along each side
     #[arg(long, value_name = "COLUMNS")]
@@ -136,8 +146,13 @@ fn import(args: &ImportArgs, global: &Global) -> Result<Outcome> {
         spacing: args.spacing.0,
         base: args.base,
         levels: args.levels,
+        units: args.units.iter().cloned().collect(),
+        allow_implausible: args.allow_implausible,
     };
-    let cloud = import_cloud(&args.file, &settings)?;
+    let (cloud, warnings) = import_cloud(&args.file, &settings)?;
+    for warning in warnings {
+        eprintln!("deepct: warning: {warning}");
+    }
     let provenance = Provenance {
         title: "Cloud imported from another file".into(),
         configuration: toml::to_string(&Resolved::of(args, &cloud)).expect("plain numbers"),
@@ -215,9 +230,13 @@ struct Resolved<'a> {
     variable: Option<&'a str>,
     #[serde(skip_serializing_if = "Option::is_none")]
     isolate: Option<usize>,
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    allow_implausible: bool,
     shape: [usize; 3],
     spacing_km: [f64; 3],
     origin_km: [f64; 3],
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    units: BTreeMap<&'a str, &'a str>,
 }
 
 impl<'a> Resolved<'a> {
@@ -230,9 +249,11 @@ impl<'a> Resolved<'a> {
             air_density: args.air_density,
             variable: args.variable.as_deref(),
             isolate: args.isolate,
+            allow_implausible: args.allow_implausible,
             shape: cloud.grid.shape,
             spacing_km: cloud.grid.spacing.to_array(),
             origin_km: cloud.grid.origin.to_array(),
+            units: args.units.iter().map(|(name, unit)| (name.as_str(), unit.as_str())).collect(),
         }
     }
 }
@@ -246,6 +267,15 @@ fn crop(text: &str) -> std::result::Result<Crop, String> {
     match numbers(text) {
         Some([x0, y0, nx, ny]) => Ok(Crop { x0, y0, nx, ny }),
         None => Err("give four whole numbers: X0,Y0,NX,NY".into()),
+    }
+}
+
+fn units(text: &str) -> std::result::Result<(String, String), String> {
+    match text.split_once('=') {
+        Some((name, unit)) if !name.trim().is_empty() && !unit.trim().is_empty() => {
+            Ok((name.trim().into(), unit.trim().into()))
+        }
+        _ => Err("give the name of a variable and its units, such as \"ql=kg kg-1\"".into()),
     }
 }
 

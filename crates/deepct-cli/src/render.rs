@@ -6,7 +6,9 @@ use crate::outcome::Outcome;
 use crate::output::check_output;
 use crate::progress::RenderProgress;
 use deepct_core::image::ViewStack;
-use deepct_core::io::{Provenance, read_cloud, write_exr, write_observation};
+use deepct_core::io::{
+    Provenance, read_cloud, read_implausible_cloud, write_exr, write_observation,
+};
 use deepct_core::plot::contact_sheet;
 use deepct_core::scene::{Light, Observation, Scene, VIEW_FILE_HELP, View, ViewList};
 use deepct_core::transport::{
@@ -72,6 +74,10 @@ pub(crate) struct Args {
         value_parser = clap::value_parser!(u64).range(2..)
     )]
     fluxes: Option<u64>,
+    /// Accept values far beyond those of clouds with a warning: liquid water above 20 g/m3,
+    /// extinctions above 10000 1/km, and effective radii outside 1 to 60 um
+    #[arg(long)]
+    allow_implausible: bool,
     /// File of images to write
     #[arg(long, value_name = "I.nc")]
     out: PathBuf,
@@ -107,7 +113,13 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
         warn_of_waves(&light);
     }
     let list = ViewList::find(&args.views)?;
-    let cloud = read_cloud(&args.cloud)?;
+    let (cloud, warnings) = match args.allow_implausible {
+        true => read_implausible_cloud(&args.cloud)?,
+        false => (read_cloud(&args.cloud)?, Vec::new()),
+    };
+    for warning in warnings {
+        eprintln!("deepct: warning: {warning}");
+    }
     let (center, [_, rows, cols]) = (cloud.grid.center(), cloud.grid.shape);
     let views = list.views(center, [rows, cols])?;
     let mut wavelengths = args.wavelength.clone();

@@ -60,6 +60,51 @@ fn a_simulation_is_imported() {
 }
 
 #[test]
+fn units_can_be_stated_and_are_recorded() {
+    let program = Program::new();
+    // The fixture is a mixing ratio in g/kg with a density of air.
+    let file = simulation("mixing.nc");
+    let import = format!("cloud import {file} --spacing 0.025,0.025,0.04");
+    program.succeed(&format!("{import} --out a.nc"));
+    program.succeed(&format!("{import} --units QC=g/kg --units RHO=kg.m-3 --out b.nc"));
+    assert_eq!(
+        read_cloud(program.path("a.nc")).unwrap(),
+        read_cloud(program.path("b.nc")).unwrap()
+    );
+    program.succeed(&format!("{import} --units QC=g/m3 --out c.nc"));
+    let water = |name| {
+        let cloud = read_cloud(program.path(name)).unwrap();
+        f64::from(cloud.microphysics.unwrap().liquid_water_content[[0, 0, 1]])
+    };
+    // The density of the lowest level is 1.2 kg/m3.
+    assert!((water("a.nc") / water("c.nc") - 1.2).abs() < 1e-6);
+    program.refuse(
+        &format!("{import} --units QC=kg/kg --out d.nc"),
+        &["mixing.nc", "g m-3", "--units"],
+    );
+    program.refuse(&format!("{import} --units QX=g/kg --out d.nc"), &["QX", "is missing"]);
+    program.refuse(&format!("{import} --units QC=kilos --out d.nc"), &["QC", "kilos"]);
+    program.refuse(&format!("{import} --units RHO=Pa --out d.nc"), &["RHO", "Pa", "--air-density"]);
+    let run = program.run(&format!("{import} --units QC --out d.nc"));
+    assert!(run.code == 2 && run.stderr.contains("ql=kg kg-1"), "{}", run.stderr);
+}
+
+#[test]
+fn implausible_clouds_are_refused_unless_allowed() {
+    let program = Program::new();
+    let text = "# a cloud\n2 2 2\n0.05 0.05 0.5 0.54\n0 0 0 30.0 20.0\n0 0 1 0.2 20.0\n";
+    std::fs::write(program.path("C.txt"), text).unwrap();
+    let import = "cloud import C.txt --spacing file --out C.nc";
+    program.refuse(import, &["C.txt", "30 g m-3", "[z 0, y 0, x 0]", "--allow-implausible"]);
+    let run = program.run(&format!("{import} --allow-implausible"));
+    assert!(run.code == 0 && run.stderr.contains("warning: C.txt"), "{}", run.stderr);
+    let render = "render C.nc --views cloudct-10 --samples 2 --out I.nc";
+    program.refuse(render, &["C.nc", "30 g m-3", "--allow-implausible"]);
+    let run = program.run(&format!("{render} --allow-implausible"));
+    assert!(run.code == 0 && run.stderr.contains("warning: C.nc"), "{}", run.stderr);
+}
+
+#[test]
 fn isolated_clouds_are_written_one_by_one() {
     let program = Program::new();
     program.succeed("cloud generate --kind field --seed 5 --out field.nc --quiet");

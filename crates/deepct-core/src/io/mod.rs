@@ -14,6 +14,10 @@ mod exr;
 pub mod import;
 #[cfg(feature = "files")]
 mod netcdf;
+#[cfg(feature = "files")]
+mod plausible;
+#[cfg(feature = "files")]
+mod units;
 mod weights;
 
 #[cfg(feature = "files")]
@@ -23,9 +27,9 @@ pub use self::exr::write_exr;
 #[cfg(feature = "files")]
 pub use netcdf::{
     MAX_VALUES, Provenance, ReferenceDroplets, ReferenceView, read_cloud, read_estimate, read_grid,
-    read_light, read_mask, read_observation, read_reference_droplets, read_reference_extinction,
-    read_reference_view, read_volume, write_cloud, write_estimate, write_mask, write_observation,
-    write_reconstruction, write_sample, write_volume,
+    read_implausible_cloud, read_light, read_mask, read_observation, read_reference_droplets,
+    read_reference_extinction, read_reference_view, read_volume, write_cloud, write_estimate,
+    write_mask, write_observation, write_reconstruction, write_sample, write_volume,
 };
 #[cfg(feature = "files")]
 pub use weights::write_weights;

@@ -188,7 +188,7 @@ fn bomex(folder: &Path, time: usize, voxels: usize, droplets: f64) -> Result<Clo
     let path = folder.join("bomex").join("bomex_6km_seed2.nc");
     let settings =
         ImportSettings { time, droplets_per_cm3: Some(droplets), ..ImportSettings::default() };
-    let field = import_cloud(&path, &settings)?;
+    let (field, _) = import_cloud(&path, &settings)?;
     let isolate_settings =
         IsolateSettings { side: 40, columns: 6, water_path: 5.0, ..IsolateSettings::default() };
     let count = |cloud: &Cloud| {

@@ -8,7 +8,7 @@ use deepct_core::math::DVec3;
 use ndarray::{Array3, s};
 use std::path::PathBuf;
 
-fn fixture(name: &str) -> PathBuf {
+pub(crate) fn fixture(name: &str) -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures").join(name)
 }
 
@@ -32,7 +32,7 @@ fn assert_close(found: &Array3<f32>, expected: &Array3<f32>) {
 #[test]
 fn a_simulation_that_follows_cf() {
     let settings = ImportSettings { time: 1, droplets_per_cm3: Some(70.0), ..Default::default() };
-    let cloud = import_cloud(fixture("cf.nc"), &settings).unwrap();
+    let cloud = import_cloud(fixture("cf.nc"), &settings).unwrap().0;
     assert_close(content(&cloud), &water(1, [6, 8, 10]));
     assert!(cloud.grid.origin.distance(DVec3::new(0.0, 0.0, 0.38)) < 1e-12);
     assert!(cloud.grid.spacing.distance(DVec3::new(0.05, 0.05, 0.04)) < 1e-12);
@@ -50,7 +50,7 @@ fn a_crop_wraps_around_the_sides_and_levels_are_chosen() {
         levels: Some(5),
         ..Default::default()
     };
-    let cloud = import_cloud(fixture("cf.nc"), &settings).unwrap();
+    let cloud = import_cloud(fixture("cf.nc"), &settings).unwrap().0;
     let whole = water(0, [6, 8, 10]);
     let expected = Array3::from_shape_fn((5, 4, 5), |(k, j, i)| {
         // The last level is above the top of the file.
@@ -65,7 +65,7 @@ fn a_crop_wraps_around_the_sides_and_levels_are_chosen() {
 #[test]
 fn a_droplet_spectrum_becomes_radius_and_variance() {
     let settings = ImportSettings { spacing: None, ..Default::default() };
-    let cloud = import_cloud(fixture("bins.nc"), &settings).unwrap();
+    let cloud = import_cloud(fixture("bins.nc"), &settings).unwrap().0;
     let parts = water(0, [2, 3, 4]);
     assert_close(content(&cloud), &(6.0 * &parts));
     let radii = [0.0, 1.0, 2.0].map(|bin: f64| 2.0 * (bin / 3.0).exp2());
@@ -87,7 +87,7 @@ fn a_droplet_spectrum_becomes_radius_and_variance() {
 #[test]
 fn a_mixing_ratio_on_stretched_levels_in_another_order_of_axes() {
     let settings = ImportSettings { time: 2, ..Default::default() };
-    let cloud = import_cloud(fixture("mixing.nc"), &settings).unwrap();
+    let cloud = import_cloud(fixture("mixing.nc"), &settings).unwrap().0;
     // Edges of the levels (km) and liquid water content (g/m3), computed by hand.
     let edges = [0.0, 0.04, 0.085, 0.145, 0.225, 0.315];
     let density = [1.2, 1.15, 1.1, 1.05, 1.0_f32];
@@ -124,7 +124,7 @@ fn both_text_formats_hold_the_same_cloud() {
     let (_folder, path) = place("cloud.txt");
     let clouds = [PYSHDOM, AT3D].map(|text| {
         std::fs::write(&path, text).unwrap();
-        import_cloud(&path, &ImportSettings::default()).unwrap()
+        import_cloud(&path, &ImportSettings::default()).unwrap().0
     });
     assert_eq!(clouds[0], clouds[1]);
     let [cloud, _] = clouds;
@@ -148,7 +148,7 @@ fn the_effective_variance_of_a_text_file_is_read() {
     ];
     for text in with_variance {
         std::fs::write(&path, text).unwrap();
-        let cloud = import_cloud(&path, &ImportSettings::default()).unwrap();
+        let cloud = import_cloud(&path, &ImportSettings::default()).unwrap().0;
         let variance = cloud.microphysics.unwrap().effective_variance;
         assert!((variance[[1, 0, 0]] - 0.15).abs() < 1e-6);
         assert!((variance[[3, 1, 2]] - 0.2).abs() < 1e-6);

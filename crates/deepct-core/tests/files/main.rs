@@ -6,6 +6,7 @@
 
 mod import;
 mod own;
+mod values;
 
 use deepct_core::{Error, Result};
 use std::path::{Path, PathBuf};

@@ -10,11 +10,11 @@ use deepct_core::scene::{Observation, Sun, View};
 use ndarray::{Array1, Array3};
 use std::path::Path;
 
-fn provenance() -> Provenance {
+pub(crate) fn provenance() -> Provenance {
     Provenance { title: "a test".into(), configuration: "samples = 3\n".into(), seed: u64::MAX }
 }
 
-fn grid() -> Grid {
+pub(crate) fn grid() -> Grid {
     // Numbers without an exact binary representation, so that rounding of the grid is detected.
     Grid::new(DVec3::new(-0.3, 0.1, 0.48), DVec3::new(0.05, 0.07, 0.04), [3, 4, 5]).unwrap()
 }
@@ -23,7 +23,7 @@ fn field(scale: f32) -> Array3<f32> {
     Array3::from_shape_fn(grid().shape, |(k, j, i)| scale * (1.0 + (k * 20 + j * 5 + i) as f32))
 }
 
-fn observation() -> Observation {
+pub(crate) fn observation() -> Observation {
     let target = DVec3::new(0.8, 0.7, 1.1);
     let camera = target + 612.3 * towards(0.7, 2.1);
     let views = vec![
@@ -44,7 +44,7 @@ fn a_cloud_is_read_as_it_was_written() {
     let (_folder, path) = place("cloud.nc");
     let droplets = Microphysics {
         liquid_water_content: field(0.01),
-        effective_radius: field(0.1),
+        effective_radius: field(1.0),
         effective_variance: field(0.002),
     };
     let mut cloud = Cloud::from_microphysics(grid(), droplets).unwrap();
@@ -127,10 +127,25 @@ fn spoiled(path: &Path, spoil: impl FnOnce(&hdf5::File)) {
     file.close().unwrap();
 }
 
-/// Replaces a variable by one with other values and without dimension scales.
+/// Replaces a variable by one with other values, the same units and without dimension scales.
 fn replace<T: hdf5::H5Type + Clone>(file: &hdf5::File, name: &str, values: ndarray::ArrayD<T>) {
     file.unlink(name).unwrap();
     file.new_dataset_builder().with_data(values.view()).create(name).unwrap();
+    set_units(file, name, if name == "extinction" { "km-1" } else { "km" });
+}
+
+/// Sets the units of a variable.
+pub(crate) fn set_units(file: &hdf5::File, name: &str, units: &str) {
+    set_text(file, name, "units", units);
+}
+
+/// Sets a text attribute of a variable.
+pub(crate) fn set_text(file: &hdf5::File, name: &str, attribute: &str, text: &str) {
+    let variable = file.dataset(name).unwrap();
+    let _ = variable.delete_attr(attribute);
+    let text: hdf5::types::VarLenUnicode = text.parse().unwrap();
+    let created = variable.new_attr::<hdf5::types::VarLenUnicode>().create(attribute);
+    created.unwrap().write_scalar(&text).unwrap();
 }
 
 #[test]
@@ -253,10 +268,8 @@ fn coordinates_that_are_not_uniform_are_refused() {
     ] {
         spoiled(&path, |file| {
             replace(file, "x", Array1::from(x.to_vec()).into_dyn());
-            if names != "units" {
-                let units = file.dataset("x").unwrap().new_attr::<hdf5::types::VarLenAscii>();
-                let km = hdf5::types::VarLenAscii::from_ascii("km").unwrap();
-                units.create("units").unwrap().write_scalar(&km).unwrap();
+            if names == "units" {
+                file.dataset("x").unwrap().delete_attr("units").unwrap();
             }
         });
         check_refusal(io::read_volume(&path), &path, names);
@@ -270,6 +283,7 @@ fn a_declared_size_beyond_the_limit_is_refused() {
         file.unlink("extinction").unwrap();
         let huge = file.new_dataset::<f32>().chunk((1, 1, 1000)).shape((10_000, 10_000, 10_000));
         huge.create("extinction").unwrap();
+        set_units(file, "extinction", "km-1");
     });
     check_refusal(io::read_volume(&path), &path, "declares shape [10000, 10000, 10000]");
 }
@@ -313,4 +327,28 @@ fn a_folder_that_does_not_exist_leaves_nothing_behind() {
     let volume = Volume::constant(grid(), 1.0);
     assert!(io::write_volume(&path, &volume, &provenance()).is_err());
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
+}
+
+/// Radiances in another unit than sr-1 need the solar irradiance in that unit.
+#[test]
+fn radiances_have_the_unit_of_the_irradiance() {
+    let (_folder, path) = place("images.nc");
+    io::write_observation(&path, &observation(), &provenance()).unwrap();
+    let set = |variable: &str, unit: &str| {
+        let file = hdf5::File::open_rw(&path).unwrap();
+        let dataset = file.dataset(variable).unwrap();
+        let _ = dataset.delete_attr("units");
+        let text: hdf5::types::VarLenUnicode = unit.parse().unwrap();
+        let attribute = dataset.new_attr::<hdf5::types::VarLenUnicode>().create("units").unwrap();
+        attribute.write_scalar(&text).unwrap();
+    };
+    for name in ["radiance", "radiance_standard_error"] {
+        set(name, "W m-2 um-1 sr-1");
+    }
+    let problem = io::read_observation(&path).unwrap_err().to_string();
+    assert!(problem.contains("radiance") && problem.contains("sr-1"), "{problem}");
+    set("sun_irradiance", "W m-2 um-1");
+    assert_eq!(io::read_observation(&path).unwrap(), observation());
+    set("sun_irradiance", "mW m-2 nm-1");
+    assert!(io::read_observation(&path).is_err());
 }

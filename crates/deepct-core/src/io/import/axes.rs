@@ -76,16 +76,53 @@ impl Layout {
         Err(variable.error(problem, &format!("choose --time from 0 to {}", times - 1)))
     }
 
-    /// The values of a variable in the window, `[z, y, x]`.
-    pub(super) fn read(&self, variable: &Variable, window: &Window) -> Result<Array3<f32>> {
+    /// The axes of another variable, which must be among these, in any order.
+    ///
+    /// # Errors
+    /// Returns an error, with the remedy `or_else`, if the variable has another axis.
+    pub(super) fn of_other(&self, variable: &Variable, or_else: &str) -> Result<Self> {
+        let mut layout = Self { kinds: Vec::new(), names: Vec::new() };
+        for axis in 0..variable.shape.len() {
+            let name = variable.dimension(axis).unwrap_or_default();
+            let Some(place) = self.names.iter().position(|known| known == name) else {
+                let names = self.names.join(", ");
+                let problem =
+                    format!("has the axis \"{name}\", but the liquid water has ({names})");
+                return Err(variable.error(problem, or_else));
+            };
+            layout.kinds.push(self.kinds[place]);
+            layout.names.push(name.to_owned());
+        }
+        Ok(layout)
+    }
+
+    /// The values of a variable in the window, `[z, y, x]`, multiplied by `factor`. An axis that
+    /// the variable does not have gets a length of one. Values that the file declares as missing
+    /// are replaced by `missing`.
+    pub(super) fn read(
+        &self,
+        variable: &Variable,
+        window: &Window,
+        factor: f64,
+        missing: f32,
+    ) -> Result<Array3<f32>> {
+        let along = |kind: Kind, pieces: &[Range<usize>]| match self.place(kind) {
+            Some(_) => pieces.to_vec(),
+            None => std::iter::once(0..1).collect(),
+        };
         let count = |pieces: &[Range<usize>]| pieces.iter().map(ExactSizeIterator::len).sum();
-        let shape = (window.levels.len(), count(&window.rows), count(&window.cols));
-        let mut values = Array3::zeros(shape);
+        let (rows, cols) = (along(Kind::Y, &window.rows), along(Kind::X, &window.cols));
+        let [levels] = &along(Kind::Z, std::slice::from_ref(&window.levels))[..] else {
+            unreachable!("levels are read in one piece")
+        };
+        let mut values = Array3::zeros((levels.len(), count(&rows), count(&cols)));
         let mut row = 0;
-        for rows in &window.rows {
+        for rows in &rows {
             let mut col = 0;
-            for cols in &window.cols {
-                let piece = self.read_piece(variable, window, rows, cols)?;
+            for cols in &cols {
+                let ranges =
+                    [window.time..window.time + 1, levels.clone(), rows.clone(), cols.clone()];
+                let piece = self.read_piece(variable, &ranges, factor, missing)?;
                 let mut place = values.slice_axis_mut(Axis(1), Slice::from(row..row + rows.len()));
                 place.slice_axis_mut(Axis(2), Slice::from(col..col + cols.len())).assign(&piece);
                 col += cols.len();
@@ -95,25 +132,26 @@ impl Layout {
         Ok(values)
     }
 
+    /// The values in the ranges along time, z, y and x.
     fn read_piece(
         &self,
         variable: &Variable,
-        window: &Window,
-        rows: &Range<usize>,
-        cols: &Range<usize>,
+        ranges: &[Range<usize>; 4],
+        factor: f64,
+        missing: f32,
     ) -> Result<Array3<f32>> {
-        let range = |kind: &Kind| match kind {
-            Kind::Time => window.time..window.time + 1,
-            Kind::Z => window.levels.clone(),
-            Kind::Y => rows.clone(),
-            Kind::X => cols.clone(),
-        };
-        let ranges: Vec<_> = self.kinds.iter().map(range).collect();
-        let mut values = variable.reals_at::<f32>(&ranges)?;
+        let own: Vec<_> = self.kinds.iter().map(|kind| ranges[*kind as usize].clone()).collect();
+        let mut values = variable.values_at::<f32>(&own, factor, f64::from(missing))?;
         let mut kinds = self.kinds.clone();
         if let Some(time) = self.place(Kind::Time) {
             values = values.index_axis_move(Axis(time), 0);
             kinds.remove(time);
+        }
+        for kind in [Kind::Z, Kind::Y, Kind::X] {
+            if !kinds.contains(&kind) {
+                values = values.insert_axis(Axis(kinds.len()));
+                kinds.push(kind);
+            }
         }
         let order: Vec<_> = [Kind::Z, Kind::Y, Kind::X]
             .iter()

@@ -1,24 +1,31 @@
 //! Import of large-eddy simulations in netCDF-4. Names, units and axes are identified by CF
 //! conventions, or by the customary names of common codes if a file does not follow them.
 
-use super::axes::{Kind, Layout, Window, kind_of, levels_within, pieces};
+use super::axes::{Kind, Layout, Window, levels_within, pieces};
 use super::{Crop, DROPLETS_PER_CM3, ImportSettings, edges_of, grid_over};
 use crate::cloud::resample::{resample, resample_droplets, uniform_edges};
-use crate::cloud::{
-    Cloud, EFFECTIVE_VARIANCE, LARGEST_RADIUS, Microphysics, Spectrum, doubling_radii,
-};
-use crate::error::Result;
+use crate::cloud::{self, Cloud, EFFECTIVE_VARIANCE, Microphysics, Spectrum, doubling_radii};
+use crate::error::{Error, Result};
 use crate::io::netcdf::{Input, Variable, edge_and_spacing, kilometres};
-use ndarray::Array3;
+use crate::io::plausible::Checks;
+use crate::io::units::Unit;
+use ndarray::{Array3, Zip};
 use std::path::Path;
 
-/// Customary names of cloud liquid water.
+/// Customary names of cloud liquid water, the first of which takes precedence.
 const WATER_NAMES: [&str; 11] =
-    ["lwc", "clwc", "ql", "qc", "qn", "qcloud", "cldliq", "qcl", "rl", "rc", "ql_3d"];
-/// Customary names of the density of air.
+    ["lwc", "clwc", "ql", "qc", "qcloud", "cldliq", "qcl", "rl", "rc", "ql_3d", "qn"];
+/// Customary names of the density of air, the first of which takes precedence.
 const DENSITY_NAMES: [&str; 7] = ["rho", "density", "rhoref", "rhobf", "rho0", "dn0", "rho_ref"];
+/// Words in the description of a density that is not that of air.
+const OTHER_DENSITIES: [&str; 9] =
+    ["water", "liquid", "ice", "rain", "snow", "droplet", "aerosol", "potential", "cloud"];
 /// Customary names of the effective radius.
 const RADIUS_NAMES: [&str; 4] = ["reff", "re", "rel", "effective_radius"];
+/// Customary names of the effective variance.
+const VARIANCE_NAMES: [&str; 2] = ["veff", "effective_variance"];
+/// Customary names of the droplet number concentration.
+const NUMBER_NAMES: [&str; 5] = ["nc", "cdnc", "nd", "qnc", "qncloud"];
 
 /// Names of the bins of a droplet spectrum without their numbers, which start at 01: those of the
 /// spectral bin microphysics of WRF (Khain et al. 2004).
@@ -29,26 +36,44 @@ const FIRST_BIN: f64 = 2.0;
 /// Negative liquid water contents of up to this magnitude (g/m3) result from advection and packing
 /// and are set to zero.
 const UNDERSHOOT: f32 = 1e-3;
+/// Liquid water contents below this (g/m3) in voxels without droplets are set to zero.
+const TRACE: f32 = 1e-3;
 
-/// Read one time of a simulation. Only the required part of the file is read.
+/// Represents liquid water that the file declares as missing.
+const MISSING: f32 = f32::MIN;
+
+/// The part of a simulation that is read.
+struct Simulation<'a> {
+    input: &'a Input,
+    settings: &'a ImportSettings,
+    layout: Layout,
+    window: Window,
+    checks: Checks<'a>,
+}
+
+/// Read one time of a simulation. Only the required part of the file is read. Returns the cloud
+/// and warnings about it.
 ///
 /// Liquid water is identified by its CF `standard_name`, by a customary name or by its
-/// `long_name`. A mixing ratio requires the density of air, from the file or the settings.
-/// Effective radii are read from the file or derived from the droplet number concentration. If
-/// the file contains a binned droplet spectrum, with the water of each bin in a separate variable,
-/// liquid water content and effective radius are derived from it.
+/// `long_name`, and its values are converted from the units of the file. A mixing ratio requires
+/// the density of air, from the file or the settings. Effective radii are read from the file or
+/// derived from the droplet number concentration of the file or the settings. If the file contains
+/// a binned droplet spectrum, with the water of each bin in a separate variable, liquid water
+/// content and effective radius are derived from it.
 ///
 /// # Errors
 /// Returns an error if the file is missing or damaged; if there is no liquid water or its units
-/// are not supported; if the axes cannot be identified; if the time or crop is outside the file;
-/// or if liquid water is negative or missing.
-pub fn read_les(path: impl AsRef<Path>, settings: &ImportSettings) -> Result<Cloud> {
+/// are missing or not understood; if the axes cannot be identified; if the time or crop is outside
+/// the file; if liquid water is negative, or missing inside of cloud; or if values are far beyond
+/// those of clouds.
+pub fn read_les(path: impl AsRef<Path>, settings: &ImportSettings) -> Result<(Cloud, Vec<String>)> {
     let path = path.as_ref();
-    let input = Input::open(path)?;
+    let input = Input::open(path)?.with_units(&settings.units)?;
+    let mut checks = Checks::new(path, settings.allow_implausible);
     let bins = find_bins(&input, settings);
     let water = match bins.first() {
         Some(name) => input.variable(name)?,
-        None => find_water(&input, settings)?,
+        None => find_water(&input, settings, &mut checks)?,
     };
     let layout = Layout::of(&input, &water)?;
     let axis = |kind| input.variable(layout.name(kind));
@@ -67,28 +92,25 @@ pub fn read_les(path: impl AsRef<Path>, settings: &ImportSettings) -> Result<Clo
     };
     let z_edges = &z_edges[window.levels.start..=window.levels.end];
     let edges = [z_edges, y_edges.as_slice(), x_edges.as_slice()];
-    if !bins.is_empty() {
-        let droplets = spectrum(&input, &bins, &layout, &window, settings)?.microphysics();
-        return resample_droplets(&droplets, edges, &grid);
-    }
-    let content = concentration(&input, &water, &layout, &window, settings)?;
-    let radius = match settings.droplets_per_cm3 {
-        None => effective_radius(&input, &water, &layout, &window)?,
-        Some(_) => None,
+    let mut simulation = Simulation { input: &input, settings, layout, window, checks };
+    let droplets = if bins.is_empty() {
+        let mut content = simulation.concentration(&water)?;
+        let Some(effective_radius) = simulation.effective_radius(&mut content)? else {
+            let content = resample(&content, edges, &grid)?;
+            let number = settings.droplets_per_cm3.unwrap_or(DROPLETS_PER_CM3);
+            let droplets = Microphysics::from_droplet_number(content, number)?;
+            simulation.checks.droplets(&droplets)?;
+            let cloud = Cloud::from_microphysics(grid, droplets)?;
+            return Ok((cloud, simulation.checks.into_warnings()));
+        };
+        let effective_variance = simulation.effective_variance(&content)?;
+        Microphysics { liquid_water_content: content, effective_radius, effective_variance }
+    } else {
+        simulation.spectrum(&bins)?.microphysics()
     };
-    let Some(mut effective_radius) = radius else {
-        let content = resample(&content, edges, &grid)?;
-        let number = settings.droplets_per_cm3.unwrap_or(DROPLETS_PER_CM3);
-        let droplets = Microphysics::from_droplet_number(content, number)?;
-        return Cloud::from_microphysics(grid, droplets);
-    };
-    effective_radius.zip_mut_with(&content, |radius, &water| {
-        *radius = if water > 0.0 { radius.min(LARGEST_RADIUS) } else { 0.0 };
-    });
-    let effective_variance = Array3::from_elem(content.raw_dim(), EFFECTIVE_VARIANCE);
-    let droplets =
-        Microphysics { liquid_water_content: content, effective_radius, effective_variance };
-    resample_droplets(&droplets, edges, &grid)
+    simulation.checks.droplets(&droplets)?;
+    let cloud = resample_droplets(&droplets, edges, &grid)?;
+    Ok((cloud, simulation.checks.into_warnings()))
 }
 
 /// The names of the bins of a droplet spectrum, in order. The list is empty if the file has none,
@@ -104,51 +126,94 @@ fn find_bins(input: &Input, settings: &ImportSettings) -> Vec<String> {
     BIN_NAMES.into_iter().map(bins).find(|bins| !bins.is_empty()).unwrap_or_default()
 }
 
-/// The droplet spectrum in the window, from all bins.
-fn spectrum(
-    input: &Input,
-    bins: &[String],
-    layout: &Layout,
-    window: &Window,
+/// The variable that contains cloud liquid water.
+fn find_water<'a>(
+    input: &'a Input,
     settings: &ImportSettings,
-) -> Result<Spectrum> {
-    let mut spectrum: Option<Spectrum> = None;
-    for (name, radius) in bins.iter().zip(doubling_radii(FIRST_BIN, bins.len())) {
-        let bin = input.variable(name)?;
-        let content = concentration(input, &bin, layout, window, settings)?;
-        spectrum
-            .get_or_insert_with(|| Spectrum::empty(content.dim().into()))
-            .add_water(radius, &content)?;
+    checks: &mut Checks,
+) -> Result<Variable<'a>> {
+    let water = match &settings.variable {
+        Some(name) => input.variable(name)?,
+        None => identify_water(input, checks)?,
+    };
+    let described = water.text("long_name").unwrap_or_default();
+    let words = described.to_lowercase();
+    let with_ice = words.split(|letter: char| !letter.is_alphabetic()).any(|word| word == "ice");
+    if with_ice || water.name.eq_ignore_ascii_case("qn") {
+        let described = described.trim();
+        checks.warn(format!(
+            "{} contains water and ice (\"{described}\"); all of it is read as liquid water",
+            water.name
+        ));
     }
-    Ok(spectrum.unwrap_or_else(|| Spectrum::empty([0; 3])))
+    Ok(water)
 }
 
-/// The variable that contains cloud liquid water.
-fn find_water<'a>(input: &'a Input, settings: &ImportSettings) -> Result<Variable<'a>> {
-    if let Some(name) = &settings.variable {
-        return input.variable(name);
-    }
-    let variables: Vec<_> =
-        input.names().iter().filter_map(|name| input.variable(name).ok()).collect();
+fn identify_water<'a>(input: &'a Input, checks: &mut Checks) -> Result<Variable<'a>> {
+    // A variable whose units are missing or not understood may be the one; the error says so.
+    let possible = |variable: &Variable| {
+        let unit = variable.unit_text().as_deref().and_then(Unit::parse);
+        unit.is_none_or(|unit| is_density(&unit) || unit.is_mass_ratio())
+            && !["tendency", "_flux", "_rate"]
+                .iter()
+                .any(|word| variable.text("standard_name").unwrap_or_default().contains(word))
+    };
+    let variables: Vec<_> = input
+        .names()
+        .iter()
+        .filter_map(|name| input.variable(name).ok())
+        .filter(|variable| possible(variable))
+        .collect();
     let standard = |variable: &Variable| {
         variable.text("standard_name").is_some_and(|name| {
             name.contains("cloud_liquid_water")
-                && !name.contains("effective_radius")
-                && !name.contains("content")
-                && !name.contains("path")
+                && !["effective_radius", "content", "path", "number", "area"]
+                    .iter()
+                    .any(|word| name.contains(word))
         })
     };
-    let customary = |variable: &Variable| {
-        variable.shape.len() >= 3 && WATER_NAMES.contains(&variable.name.to_lowercase().as_str())
+    let rank = |variable: &Variable| {
+        WATER_NAMES.iter().position(|name| *name == variable.name.to_lowercase())
     };
     let described = |variable: &Variable| {
         let described = variable.text("long_name").unwrap_or_default().to_lowercase();
-        variable.shape.len() >= 3
-            && ["liquid water", "cloud water"].iter().any(|words| described.contains(words))
+        ["liquid water", "cloud water"].iter().any(|words| described.contains(words))
             && !described.contains("path")
     };
-    let find = |fits: &dyn Fn(&Variable) -> bool| variables.iter().find(|variable| fits(variable));
-    match find(&standard).or_else(|| find(&customary)).or_else(|| find(&described)) {
+    let mut fallback = None;
+    let customary = |variable: &Variable| rank(variable).is_some();
+    let methods: [&dyn Fn(&Variable) -> bool; 3] = [&standard, &customary, &described];
+    for fits in methods {
+        let found: Vec<_> = variables.iter().filter(|variable| fits(variable)).collect();
+        // Profiles and sections do not have all axes.
+        let mut fields: Vec<_> = found
+            .iter()
+            .filter(|variable| Layout::of(input, variable).is_ok())
+            .map(|variable| (rank(variable).unwrap_or(usize::MAX), &variable.name))
+            .collect();
+        fields.sort();
+        let names = || fields[1..].iter().map(|(_, name)| name.as_str()).collect::<Vec<_>>();
+        match fields.as_slice() {
+            [] => {}
+            [(_, name)] => return input.variable(name),
+            [(usize::MAX, name), ..] => {
+                return Err(input.error(
+                    name,
+                    format!("may be the liquid water, but so may {}", names().join(", ")),
+                    "choose with --variable",
+                ));
+            }
+            [(_, name), ..] => {
+                checks.warn(format!(
+                    "the liquid water is read from {name}, not from {}; --variable chooses",
+                    names().join(", ")
+                ));
+                return input.variable(name);
+            }
+        }
+        fallback = fallback.or(found.first().filter(|found| found.shape.len() >= 3).copied());
+    }
+    match fallback {
         Some(variable) => input.variable(&variable.name),
         None => Err(input.error(
             "liquid water",
@@ -158,112 +223,295 @@ fn find_water<'a>(input: &'a Input, settings: &ImportSettings) -> Result<Variabl
     }
 }
 
-/// Liquid water content (g/m3) in the window, converted from the units of the file.
-fn concentration(
-    input: &Input,
-    water: &Variable,
-    layout: &Layout,
-    window: &Window,
-    settings: &ImportSettings,
-) -> Result<Array3<f32>> {
-    let units = water.text("units").unwrap_or_default();
-    let mut values = layout.read(water, window)?;
-    match units.replace(['*', '^', ' '], "").replace("**", "").as_str() {
-        "gm-3" | "g/m3" => {}
-        "kgm-3" | "kg/m3" => values *= 1e3,
-        unit @ ("kgkg-1" | "kg/kg" | "gkg-1" | "g/kg" | "1" | "") => {
-            let factor = if matches!(unit, "gkg-1" | "g/kg") { 1.0 } else { 1e3 };
-            values *= &air_density(input, water, window, settings)?;
-            values *= factor;
+fn is_density(unit: &Unit) -> bool {
+    Unit::parse("kg m-3").is_some_and(|density| unit.factor_to(&density).is_some())
+}
+
+impl<'a> Simulation<'a> {
+    /// The droplet spectrum in the window, from all bins.
+    fn spectrum(&mut self, bins: &[String]) -> Result<Spectrum> {
+        let mut spectrum: Option<Spectrum> = None;
+        for (name, radius) in bins.iter().zip(doubling_radii(FIRST_BIN, bins.len())) {
+            let content = self.concentration(&self.input.variable(name)?)?;
+            spectrum
+                .get_or_insert_with(|| Spectrum::empty(content.dim().into()))
+                .add_water(radius, &content)?;
         }
-        _ => {
-            return Err(water.error(
-                format!("has units \"{units}\""),
-                "give it in g m-3, kg m-3, kg kg-1 or g kg-1",
-            ));
-        }
+        Ok(spectrum.unwrap_or_else(|| Spectrum::empty([0; 3])))
     }
-    for ((k, j, i), value) in values.indexed_iter_mut() {
-        if !(value.is_finite() && *value >= -UNDERSHOOT) {
+
+    /// Liquid water content (g/m3) in the window, converted from the units of the file.
+    fn concentration(&mut self, water: &Variable) -> Result<Array3<f32>> {
+        let unit = water.unit_text().as_deref().and_then(Unit::parse);
+        let ratio = unit.as_ref().is_some_and(Unit::is_mass_ratio);
+        let (factor, density) = if ratio {
+            let kilograms = water.factor_to("1")?;
+            (1e3 * kilograms, Some(self.air_density(&water.name)?))
+        } else {
+            let factor = water.factor_to("g m-3").map_err(|_| {
+                let expected = "a unit such as g m-3, kg m-3, kg kg-1 or g kg-1";
+                water.wrong_unit(expected, "kg kg-1")
+            });
+            (factor?, None)
+        };
+        let layout = self.layout.of_other(water, "give it on the same axes")?;
+        let mut values = layout.read(water, &self.window, factor, MISSING)?;
+        if let Some(density) = density {
+            let density = density.broadcast(values.raw_dim()).expect("read on the same axes");
+            Zip::from(&mut values).and(density).for_each(|value, density| {
+                *value = if *value == MISSING { MISSING } else { *value * density };
+            });
+        }
+        for ((k, j, i), value) in values.indexed_iter_mut() {
+            if *value == MISSING || (value.is_finite() && *value >= -UNDERSHOOT) {
+                *value = if *value == MISSING { MISSING } else { value.max(0.0) };
+                continue;
+            }
             return Err(water.error(
                 format!("is {value} g/m3 in the part that was read, at [z {k}, y {j}, x {i}]"),
-                "liquid water must be finite and not negative: choose another part of the file",
+                "liquid water must be finite, within the valid range of the file and not negative: \
+                 choose another part of the file",
             ));
         }
-        *value = value.max(0.0);
+        self.fill(water, &mut values)?;
+        Ok(values)
     }
-    Ok(values)
-}
 
-/// The density of air (kg/m3), in a shape that can be broadcast to a field `[z, y, x]`.
-fn air_density(
-    input: &Input,
-    water: &Variable,
-    window: &Window,
-    settings: &ImportSettings,
-) -> Result<Array3<f32>> {
-    if let Some(density) = settings.air_density {
-        return Ok(Array3::from_elem((1, 1, 1), density as f32));
-    }
-    let is_density = |name: &&String| {
-        DENSITY_NAMES.contains(&name.to_lowercase().as_str())
-            || input.variable(name).ok().and_then(|found| found.text("standard_name")).as_deref()
-                == Some("air_density")
-    };
-    let names = input.names();
-    let Some(name) = names.iter().find(is_density) else {
-        return Err(water.error(
-            "is a mixing ratio, and the file has no density of air",
-            "give one with --air-density (kg/m3)",
-        ));
-    };
-    let density = input.variable(name)?;
-    let kinds: Vec<_> = (0..density.shape.len())
-        .map(|axis| density.dimension(axis).and_then(|name| kind_of(input, name)))
-        .collect();
-    if kinds.len() >= 3 {
-        return Layout::of(input, &density)?.read(&density, window);
-    }
-    let ranges = match kinds.as_slice() {
-        [Some(Kind::Z)] => vec![window.levels.clone()],
-        [Some(Kind::Time), Some(Kind::Z)] => {
-            vec![window.time..window.time + 1, window.levels.clone()]
+    /// Replace missing liquid water outside of cloud by zero.
+    ///
+    /// # Errors
+    /// Returns an error if missing values are enclosed by liquid water.
+    fn fill(&mut self, water: &Variable, values: &mut Array3<f32>) -> Result<()> {
+        let shape = values.dim();
+        let missing: Vec<_> = values
+            .indexed_iter()
+            .filter(|(_, value)| **value == MISSING)
+            .map(|(voxel, _)| voxel)
+            .collect();
+        // From each missing voxel, walk through the missing ones that touch it. Those that were
+        // reached are infinite until the end.
+        for &first in &missing {
+            if values[first] != MISSING {
+                continue;
+            }
+            values[first] = f32::INFINITY;
+            let (mut walk, mut outside) = (vec![first], false);
+            while let Some(voxel) = walk.pop() {
+                for neighbour in neighbours(voxel) {
+                    let value = neighbour.and_then(|voxel| values.get_mut(voxel));
+                    match (neighbour, value) {
+                        (Some(neighbour), Some(value)) if *value == MISSING => {
+                            *value = f32::INFINITY;
+                            walk.push(neighbour);
+                        }
+                        (_, value) => outside |= value.is_none_or(|value| *value == 0.0),
+                    }
+                }
+            }
+            if !outside {
+                let (k, j, i) = first;
+                return Err(water.error(
+                    format!("is missing at [z {k}, y {j}, x {i}], which is inside of cloud"),
+                    "choose another part of the file, or fill the missing values",
+                ));
+            }
         }
-        _ => return Err(density.error("is not a profile or a field", "give --air-density")),
-    };
-    if ranges.iter().zip(&density.shape).any(|(range, &length)| range.end > length) {
-        return Err(density.error("has fewer values than the water", "give --air-density"));
-    }
-    let profile = density.reals_at::<f32>(&ranges)?.into_raw_vec_and_offset().0;
-    let levels = profile.len();
-    Ok(Array3::from_shape_vec((levels, 1, 1), profile).expect("one value per level"))
-}
-
-/// Effective radius (um) from the file, if it has one with the shape of the liquid water.
-fn effective_radius(
-    input: &Input,
-    water: &Variable,
-    layout: &Layout,
-    window: &Window,
-) -> Result<Option<Array3<f32>>> {
-    let names = input.names();
-    let Some(name) = names.iter().find(|name| RADIUS_NAMES.contains(&name.to_lowercase().as_str()))
-    else {
-        return Ok(None);
-    };
-    let radius = input.variable(name)?;
-    if radius.shape != water.shape {
-        return Ok(None);
-    }
-    let factor = match radius.text("units").as_deref() {
-        Some("um" | "micrometer" | "micrometre" | "micron" | "microns") => 1.0,
-        Some("m") => 1e6,
-        found => {
-            return Err(radius.error(
-                format!("has units {found:?}"),
-                "give it in um or m, or give the number of droplets with --droplets",
+        values.mapv_inplace(|value| if value.is_finite() { value } else { 0.0 });
+        if !missing.is_empty() {
+            let (count, all) = (missing.len(), shape.0 * shape.1 * shape.2);
+            self.checks.warn(format!(
+                "{} is missing in {count} of {all} voxels, which are read as free of cloud",
+                water.name
             ));
         }
-    };
-    Ok(Some(layout.read(&radius, window)? * factor))
+        Ok(())
+    }
+
+    /// The density of air (kg/m3), in a shape that can be broadcast to a field `[z, y, x]`.
+    fn air_density(&mut self, water: &str) -> Result<Array3<f32>> {
+        if let Some(density) = self.settings.air_density {
+            let density = Array3::from_elem((1, 1, 1), density as f32);
+            self.checks.air_density("--air-density", &density)?;
+            return Ok(density);
+        }
+        let standard =
+            |variable: &Variable| variable.text("standard_name").filter(|name| !name.is_empty());
+        let mut found: Vec<_> = self
+            .variables()
+            .filter_map(|variable| {
+                let customary =
+                    DENSITY_NAMES.iter().position(|name| *name == variable.name.to_lowercase());
+                match (standard(&variable).as_deref(), customary) {
+                    (Some("air_density"), _) => Some((0, variable)),
+                    (_, Some(rank)) => Some((1 + rank, variable)),
+                    _ => None,
+                }
+            })
+            .collect();
+        found.sort_by_key(|(rank, _)| *rank);
+        let mut reasons = String::new();
+        for (_, density) in found {
+            let described = density.text("long_name").unwrap_or_default().to_lowercase();
+            let unit = density.unit_text();
+            let reason = if standard(&density).is_some_and(|name| name != "air_density") {
+                "its standard_name is another".to_owned()
+            } else if OTHER_DENSITIES.iter().any(|word| described.contains(word)) {
+                format!("its long_name is \"{described}\"")
+            } else if !unit.as_deref().and_then(Unit::parse).as_ref().is_some_and(is_density) {
+                let unit = unit.map_or("missing".into(), |unit| format!("\"{unit}\""));
+                format!("its unit is {unit} (--units {}=\"kg m-3\" states it)", density.name)
+            } else {
+                let layout = self.layout.of_other(&density, "give --air-density (kg/m3)")?;
+                let factor = density.factor_to("kg m-3")?;
+                let values = layout.read(&density, &self.window, factor, f32::NAN)?;
+                self.checks.air_density(&density.name, &values)?;
+                return Ok(values);
+            };
+            reasons += &format!("; {} is not taken for it, because {reason}", density.name);
+        }
+        let problem = format!("is a mixing ratio, and the file has no density of air{reasons}");
+        Err(self.input.error(water, problem, "give one with --air-density (kg/m3)"))
+    }
+
+    /// Effective radius (um), zero where there is no water, from the file: its effective radius, or
+    /// otherwise its droplet number concentration. `None` if the file has neither, or if the
+    /// settings specify the number. Traces of water without droplets are removed.
+    fn effective_radius(&mut self, content: &mut Array3<f32>) -> Result<Option<Array3<f32>>> {
+        if self.settings.droplets_per_cm3.is_some() {
+            return Ok(None);
+        }
+        let or_else = |error| match error {
+            Error::File { path, field, problem, remedy } => {
+                let remedy = format!("{remedy}; or give the number of droplets with --droplets");
+                Error::File { path, field, problem, remedy }
+            }
+            other => other,
+        };
+        let radius = "effective_radius_of_cloud_liquid_water_particles";
+        let number = "number_concentration_of_cloud_liquid_water_particles_in_air";
+        let (variable, mut radii) = if let Some(variable) = self.find(radius, &RADIUS_NAMES) {
+            let radii = self.on_field(&variable, "um", content.dim()).map_err(or_else)?;
+            (variable, radii)
+        } else if let Some(variable) = self.find(number, &NUMBER_NAMES) {
+            let numbers = self.droplet_number(&variable, content.dim()).map_err(or_else)?;
+            let radii = Zip::from(&numbers).and(&*content).map_collect(|&number, &water| {
+                if number > 0.0 { cloud::effective_radius(water, f64::from(number)) } else { 0.0 }
+            });
+            self.checks.warn(format!(
+                "effective radii are computed from the droplet number concentration {}; --droplets \
+                 specifies another",
+                variable.name
+            ));
+            (variable, radii)
+        } else {
+            return Ok(None);
+        };
+        let mut traces = 0;
+        for (voxel, radius) in radii.indexed_iter_mut() {
+            let water = &mut content[voxel];
+            if *water > 0.0 && !(radius.is_finite() && *radius > 0.0) {
+                if *water >= TRACE {
+                    let (k, j, i) = voxel;
+                    return Err(or_else(variable.error(
+                        format!(
+                            "gives an effective radius of {radius} um at [z {k}, y {j}, x {i}], where \
+                             there is {water} g/m3 of water"
+                        ),
+                        "it must be positive where there is water",
+                    )));
+                }
+                traces += 1;
+                *water = 0.0;
+            }
+            if *water == 0.0 {
+                *radius = 0.0;
+            }
+        }
+        if traces > 0 {
+            self.checks.warn(format!(
+                "{traces} voxels with less than {TRACE} g/m3 of water have no droplets according to \
+                 {}; their water is removed",
+                variable.name
+            ));
+        }
+        Ok(Some(radii))
+    }
+
+    /// Droplet number concentration (per cm3) of a variable per volume or per mass of air.
+    fn droplet_number(
+        &mut self,
+        variable: &Variable,
+        shape: (usize, usize, usize),
+    ) -> Result<Array3<f32>> {
+        let unit = variable.unit_text().as_deref().and_then(Unit::parse);
+        let per_mass = Unit::parse("kg-1").expect("a unit");
+        if unit.is_none_or(|unit| unit.factor_to(&per_mass).is_none()) {
+            return self.on_field(variable, "cm-3", shape);
+        }
+        let density = self.air_density(&variable.name)?;
+        let density = density.broadcast(shape).expect("read on the same axes");
+        Ok(self.on_field(variable, "kg-1", shape)? * density * 1e-6)
+    }
+
+    /// Effective variance of the file, or the default one.
+    fn effective_variance(&self, content: &Array3<f32>) -> Result<Array3<f32>> {
+        let Some(variable) = self.find("", &VARIANCE_NAMES) else {
+            return Ok(Array3::from_elem(content.raw_dim(), EFFECTIVE_VARIANCE));
+        };
+        let mut variance = self.on_field(&variable, "1", content.dim())?;
+        for (voxel, variance) in variance.indexed_iter_mut() {
+            let water = content[voxel];
+            if water > 0.0 && !(variance.is_finite() && *variance >= 0.0) {
+                let (k, j, i) = voxel;
+                return Err(variable.error(
+                    format!("is {variance} at [z {k}, y {j}, x {i}], where there is water"),
+                    "it must be finite and not negative where there is water",
+                ));
+            }
+            *variance = if water > 0.0 { *variance } else { 0.0 };
+        }
+        Ok(variance)
+    }
+
+    fn variables(&self) -> impl Iterator<Item = Variable<'a>> + use<'a> {
+        let input = self.input;
+        input.names().into_iter().filter_map(|name| input.variable(&name).ok())
+    }
+
+    /// The variable with a standard name, or otherwise with one of the customary names.
+    fn find(&self, standard_name: &str, names: &[&str]) -> Option<Variable<'a>> {
+        let standard = |variable: &Variable| {
+            !standard_name.is_empty()
+                && variable.text("standard_name").is_some_and(|name| name == standard_name)
+        };
+        let customary =
+            |variable: &Variable| names.contains(&variable.name.to_lowercase().as_str());
+        self.variables().find(standard).or_else(|| self.variables().find(customary))
+    }
+
+    /// The values of a variable in the window, converted to `unit`, on all voxels. Missing values
+    /// are NaN.
+    fn on_field(
+        &self,
+        variable: &Variable,
+        unit: &str,
+        shape: (usize, usize, usize),
+    ) -> Result<Array3<f32>> {
+        let layout = self.layout.of_other(variable, "give it on axes of the liquid water")?;
+        let values = layout.read(variable, &self.window, variable.factor_to(unit)?, f32::NAN)?;
+        Ok(values.broadcast(shape).expect("read on the same axes").to_owned())
+    }
+}
+
+/// The voxels that share a side with a voxel; `None` below index 0.
+fn neighbours((k, j, i): (usize, usize, usize)) -> [Option<(usize, usize, usize)>; 6] {
+    let below = |index: usize| index.checked_sub(1);
+    [
+        below(k).map(|k| (k, j, i)),
+        below(j).map(|j| (k, j, i)),
+        below(i).map(|i| (k, j, i)),
+        Some((k + 1, j, i)),
+        Some((k, j + 1, i)),
+        Some((k, j, i + 1)),
+    ]
 }

@@ -14,6 +14,7 @@ use crate::cloud::{Cloud, resample};
 use crate::error::{Error, Result};
 use crate::grid::Grid;
 use crate::math::DVec3;
+use std::collections::BTreeMap;
 use std::io::Read;
 use std::path::Path;
 
@@ -42,6 +43,10 @@ pub struct ImportSettings {
     pub base: Option<f64>,
     /// Number of levels; up to the top of the file if `None`.
     pub levels: Option<usize>,
+    /// Units of variables that replace those of the file, by the name of the variable.
+    pub units: BTreeMap<String, String>,
+    /// Whether values far beyond those of clouds are accepted with a warning.
+    pub allow_implausible: bool,
 }
 
 impl Default for ImportSettings {
@@ -56,6 +61,8 @@ impl Default for ImportSettings {
             spacing: Some(DVec3::new(0.05, 0.05, 0.04)),
             base: None,
             levels: None,
+            units: BTreeMap::new(),
+            allow_implausible: false,
         }
     }
 }
@@ -75,11 +82,14 @@ pub struct Crop {
 }
 
 /// Read a cloud in any supported format: netCDF-4 and HDF5 by [`read_les`], all other files by
-/// [`read_text`].
+/// [`read_text`]. Returns the cloud and warnings about it.
 ///
 /// # Errors
 /// As [`read_les`] and [`read_text`].
-pub fn import_cloud(path: impl AsRef<Path>, settings: &ImportSettings) -> Result<Cloud> {
+pub fn import_cloud(
+    path: impl AsRef<Path>,
+    settings: &ImportSettings,
+) -> Result<(Cloud, Vec<String>)> {
     let path = path.as_ref();
     if !path.is_file() {
         return Err(Error::file(path, "file", "does not exist", "check the path"));

@@ -2,19 +2,21 @@
 //!
 //! A pySHDOM file consists of a comment line, `nx ny nz`, then `dx dy z0 z1 ...` on one line, then
 //! rows `i j k lwc reff [veff]`. An AT3D file consists of a comment line, `nx,ny,nz`, `dx,dy`,
-//! `z0,z1,...`, a line of column names (`i,j,k,lwc,reff[,veff]` or `x,y,z,...`), then rows. Indices
-//! start at 0, lengths are in km, liquid water contents in g/m3 and radii in um. The values are
-//! given at `(i dx, j dy, z_k)`, which become the centres of voxels. Voxels that are not listed
-//! contain no water.
+//! `z0,z1,...`, a line of column names (`i,j,k,lwc,reff[,veff]` or `x,y,z,...`), then rows. The
+//! names may be in any order and in capitals; columns with other names are ignored. Indices start
+//! at 0, lengths are in km, liquid water contents in g/m3 and radii in um. The values are given at
+//! `(i dx, j dy, z_k)`, which become the centres of voxels. Voxels that are not listed contain no
+//! water.
 
 use super::{Crop, ImportSettings, edges_of, grid_over};
 use crate::cloud::resample::{resample_droplets, uniform_edges};
 use crate::cloud::{Cloud, EFFECTIVE_VARIANCE, Microphysics};
 use crate::error::{Error, Result};
 use crate::grid::MAX_VOXELS;
+use crate::io::plausible::Checks;
 use ndarray::{Array3, Axis};
+use std::collections::BTreeMap;
 use std::path::Path;
-use std::str::FromStr;
 
 /// The lines of a file with their numbers, from 1.
 struct Lines<'a> {
@@ -32,30 +34,44 @@ struct Header {
     columns: Columns,
 }
 
-/// The positions of the values in a row, counted after the three indices.
+/// The positions of the values in a row, and the number of its fields.
 #[derive(Clone, Copy)]
 struct Columns {
+    /// The indices along x, y, z.
+    indices: [usize; 3],
     water: usize,
     radius: usize,
     variance: Option<usize>,
+    count: usize,
 }
 
 /// Read a text file in either format. Effective radii are those of the file unless the settings
-/// specify a droplet number concentration.
+/// specify a droplet number concentration. Returns the cloud and warnings about it.
 ///
 /// # Errors
 /// Returns an error if the file is missing or not in one of these formats, if a line is invalid
-/// (the message states its number), or if values are negative or missing.
-pub fn read_text(path: impl AsRef<Path>, settings: &ImportSettings) -> Result<Cloud> {
+/// (the message states its number), or if values are negative, missing or far beyond those of
+/// clouds.
+pub fn read_text(
+    path: impl AsRef<Path>,
+    settings: &ImportSettings,
+) -> Result<(Cloud, Vec<String>)> {
     let path = path.as_ref();
+    if let Some(name) = settings.units.keys().next() {
+        let problem = "has no named unit: text files are in km, g/m3 and um";
+        return Err(Error::file(path, name, problem, "omit --units"));
+    }
     let bytes = std::fs::read(path).map_err(Error::io(path))?;
     let text = String::from_utf8(bytes).map_err(|_| {
         let remedy = "`formats` lists the supported formats";
         Error::file(path, "file", "is neither HDF5 nor text", remedy)
     })?;
-    let mut lines = Lines::new(path, &text);
+    let mut checks = Checks::new(path, settings.allow_implausible);
+    // Spreadsheets write a byte-order mark.
+    let mut lines = Lines::new(path, text.trim_start_matches('\u{feff}'));
     let header = lines.header()?;
-    let droplets = lines.rows(&header)?;
+    let droplets = lines.rows(&header, &mut checks)?;
+    checks.droplets(&droplets)?;
     let crop = Crop::of(settings, path, [header.shape[1], header.shape[2]])?;
     let droplets = cropped(droplets, crop);
     let z = edges_of(&header.z, path, "altitudes")?;
@@ -64,13 +80,14 @@ pub fn read_text(path: impl AsRef<Path>, settings: &ImportSettings) -> Result<Cl
     let (y, x) = (axis(header.dy, crop.y0, crop.ny), axis(header.dx, crop.x0, crop.nx));
     let grid = grid_over([&z, &y, &x], settings, path)?;
     let cloud = resample_droplets(&droplets, [&z, &y, &x], &grid)?;
-    match (settings.droplets_per_cm3, cloud.microphysics) {
+    let cloud = match (settings.droplets_per_cm3, cloud.microphysics) {
         (Some(number), Some(droplets)) => Cloud::from_microphysics(
             grid,
             Microphysics::from_droplet_number(droplets.liquid_water_content, number)?,
-        ),
-        (_, microphysics) => Ok(Cloud { microphysics, ..cloud }),
-    }
+        )?,
+        (_, microphysics) => Cloud { microphysics, ..cloud },
+    };
+    Ok((cloud, checks.into_warnings()))
 }
 
 impl<'a> Lines<'a> {
@@ -96,39 +113,47 @@ impl<'a> Lines<'a> {
             return Err(self.error(last, format!("is the last line, but {what} should follow")));
         };
         self.next += 1;
-        Ok((number, fields(line).collect()))
+        Ok((number, fields(line)))
     }
 
-    fn numbers<T: FromStr>(&mut self, what: &str) -> Result<(usize, Vec<T>)> {
+    fn numbers(&mut self, what: &str) -> Result<(usize, Vec<f64>)> {
         let (line, fields) = self.cut(what)?;
-        let numbers: Option<Vec<T>> = fields.iter().map(|field| field.parse().ok()).collect();
+        let numbers: Option<Vec<f64>> = fields.iter().map(|field| number(field)).collect();
         numbers
             .map(|numbers| (line, numbers))
             .ok_or_else(|| self.error(line, format!("does not hold {what}")))
     }
 
     fn header(&mut self) -> Result<Header> {
-        let (line, counts) = self.numbers::<usize>("the counts nx, ny, nz")?;
-        let [nx, ny, nz] = counts[..] else {
+        let what = "the counts nx, ny, nz";
+        // The first line is a comment, with or without the sign of one.
+        let words = |fields: &[&str]| fields.iter().any(|field| number(field).is_none());
+        if self.lines.len() > 1 && words(&self.cut(what)?.1) {
+            self.next = 1;
+        } else {
+            self.next = 0;
+        }
+        let (line, counts) = self.numbers(what)?;
+        let counts: Option<Vec<usize>> = counts.into_iter().map(whole).collect();
+        let Some([nx, ny, nz]) = counts.as_deref() else {
             return Err(self.error(line, "does not hold three counts nx, ny, nz"));
         };
+        let [nx, ny, nz] = [*nx, *ny, *nz];
         let voxels = nx.checked_mul(ny).and_then(|columns| columns.checked_mul(nz));
         if !voxels.is_some_and(|count| (1..=MAX_VOXELS).contains(&count)) {
             return Err(self.error(line, format!("declares {nx} x {ny} x {nz} voxels")));
         }
-        let (line, mut steps) = self.numbers::<f64>("the steps dx, dy")?;
-        let mut columns = Columns { water: 0, radius: 1, variance: None };
-        let z = if steps.len() == 2 {
-            let z = self.numbers::<f64>("the altitudes")?.1;
-            columns = self.column_names()?;
-            z
+        let (line, mut steps) = self.numbers("the steps dx, dy")?;
+        let (z, names_required) = if steps.len() == 2 {
+            (self.numbers("the altitudes")?.1, true)
         } else {
-            steps.split_off(steps.len().min(2))
+            (steps.split_off(steps.len().min(2)), false)
         };
         if z.len() != nz {
             let problem = format!("is followed by {} altitudes, not nz = {nz}", z.len());
             return Err(self.error(line, problem));
         }
+        let columns = self.columns(names_required)?;
         match steps[..] {
             [dx, dy] if dx > 0.0 && dy > 0.0 && dx.is_finite() && dy.is_finite() => {
                 Ok(Header { shape: [nz, ny, nx], dx, dy, z, columns })
@@ -137,63 +162,141 @@ impl<'a> Lines<'a> {
         }
     }
 
-    fn column_names(&mut self) -> Result<Columns> {
-        let (line, names) = self.cut("the names of the columns")?;
-        let place = |name: &str| names.iter().skip(3).position(|known| *known == name);
-        match (place("lwc"), place("reff")) {
-            (Some(water), Some(radius)) => Ok(Columns { water, radius, variance: place("veff") }),
-            _ => {
-                Err(self.error(line, "does not name the columns lwc and reff after three indices"))
-            }
+    /// The columns by their names, or, if the next line is a row of numbers, by their customary
+    /// order.
+    fn columns(&mut self, names_required: bool) -> Result<Columns> {
+        let (line, names) = self.cut("the names of the columns or a row")?;
+        let named = names[0].starts_with(char::is_alphabetic);
+        if !named && !names_required {
+            self.next -= 1;
+            let columns = Columns {
+                indices: [0, 1, 2],
+                water: 3,
+                radius: 4,
+                variance: (names.len() == 6).then_some(5),
+                count: names.len(),
+            };
+            return match names.len() {
+                5 | 6 => Ok(columns),
+                other => Err(self.error(
+                    line,
+                    format!("lacks a number or has too many: a row i j k lwc reff [veff] has 5 or 6, not {other}"),
+                )),
+            };
+        }
+        let names: Vec<_> = names.iter().map(|name| name.to_lowercase()).collect();
+        let place = |wanted: &[&str]| -> Option<usize> {
+            let mut places = names.iter().enumerate();
+            let found = places.find(|(_, name)| wanted.contains(&name.as_str()))?.0;
+            places.all(|(_, name)| !wanted.contains(&name.as_str())).then_some(found)
+        };
+        let indices = [["x", "i"], ["y", "j"], ["z", "k"]].map(|wanted| place(&wanted));
+        match (indices, place(&["lwc"]), place(&["reff"])) {
+            ([Some(x), Some(y), Some(z)], Some(water), Some(radius)) => Ok(Columns {
+                indices: [x, y, z],
+                water,
+                radius,
+                variance: place(&["veff"]),
+                count: names.len(),
+            }),
+            _ => Err(self.error(
+                line,
+                "does not name the columns x, y, z (or i, j, k), lwc and reff, each once",
+            )),
         }
     }
 
-    fn rows(&mut self, header: &Header) -> Result<Microphysics> {
+    fn rows(&mut self, header: &Header, checks: &mut Checks) -> Result<Microphysics> {
         let mut droplets = Microphysics {
             liquid_water_content: Array3::zeros(header.shape),
             effective_radius: Array3::zeros(header.shape),
             effective_variance: Array3::from_elem(header.shape, EFFECTIVE_VARIANCE),
         };
-        let Columns { water, radius, mut variance } = header.columns;
+        let columns = header.columns;
+        let mut lines_of = BTreeMap::new();
+        let mut from_zero = false;
         for &(line, text) in &self.lines[self.next..] {
-            let mut fields = fields(text);
-            let mut index =
-                |limit: usize| fields.next()?.parse().ok().filter(|index: &usize| *index < limit);
-            let [nz, ny, nx] = header.shape;
-            let (Some(i), Some(j), Some(k)) = (index(nx), index(ny), index(nz)) else {
-                let problem =
-                    format!("does not start with indices below {nx}, {ny}, {nz} (from 0)");
+            let fields = fields(text);
+            if fields.len() != columns.count {
+                let problem = format!("has {} fields, not {}", fields.len(), columns.count);
+                let problem = if fields.len() < columns.count {
+                    format!("lacks a number: it {problem}")
+                } else {
+                    problem
+                };
                 return Err(self.error(line, problem));
-            };
-            let values: Option<Vec<f32>> = fields.map(|field| field.parse().ok()).collect();
-            let values = values.unwrap_or_default();
-            // pySHDOM files have no column names: a sixth number is the effective variance.
-            if variance.is_none() && values.len() == 3 {
-                variance = Some(2);
             }
+            let [k, j, i] = self.voxel(line, &fields, header, from_zero)?;
+            from_zero |= k == 0 || j == 0 || i == 0;
             let value = |place: usize| {
-                let found = values.get(place).copied();
+                let found = number(fields[place]).map(|value| value as f32);
                 found.filter(|value| value.is_finite() && *value >= 0.0)
             };
+            let variance = columns.variance.map_or(Some(EFFECTIVE_VARIANCE), value);
             let (Some(lwc), Some(reff), Some(veff)) =
-                (value(water), value(radius), variance.map_or(Some(EFFECTIVE_VARIANCE), value))
+                (value(columns.water), value(columns.radius), variance)
             else {
                 return Err(self.error(line, "lacks a number, or contains a negative one"));
             };
             if lwc > 0.0 && reff <= 0.0 {
                 return Err(self.error(line, "contains water without an effective radius"));
             }
+            if let Some(other) = lines_of.insert([k, j, i], line) {
+                return Err(self.error(line, format!("repeats the voxel of line {other}")));
+            }
             droplets.liquid_water_content[[k, j, i]] = lwc;
             droplets.effective_radius[[k, j, i]] = reff;
             droplets.effective_variance[[k, j, i]] = veff;
         }
+        if !from_zero && !lines_of.is_empty() {
+            checks.warn(
+                "no index is 0, as if the indices started at 1; they are read as starting at 0, and \
+                 the cloud is one voxel off if they do not",
+            );
+        }
         Ok(droplets)
+    }
+
+    /// The indices `[z, y, x]` of a row.
+    fn voxel(
+        &self,
+        line: usize,
+        fields: &[&str],
+        header: &Header,
+        from_zero: bool,
+    ) -> Result<[usize; 3]> {
+        let [nz, ny, nx] = header.shape;
+        let index = |place: usize| number(fields[header.columns.indices[place]]).and_then(whole);
+        let (Some(i), Some(j), Some(k)) = (index(0), index(1), index(2)) else {
+            return Err(self.error(line, "does not have whole, non-negative indices"));
+        };
+        if i < nx && j < ny && k < nz {
+            return Ok([k, j, i]);
+        }
+        let one_based = !from_zero && i.min(j).min(k) > 0 && i <= nx && j <= ny && k <= nz;
+        let hint = if one_based { "; they seem to start at 1: subtract 1 from each" } else { "" };
+        let problem = format!("does not start with indices below {nx}, {ny}, {nz} (from 0){hint}");
+        Err(self.error(line, problem))
     }
 }
 
-/// The fields of a line, separated by commas, spaces or tabs.
-fn fields(line: &str) -> impl Iterator<Item = &str> {
-    line.split([',', ' ', '\t']).filter(|field| !field.is_empty())
+/// The fields of a line: between commas if it has any, otherwise between spaces or tabs.
+fn fields(line: &str) -> Vec<&str> {
+    match line.contains(',') {
+        true => line.split(',').map(str::trim).collect(),
+        false => line.split_whitespace().collect(),
+    }
+}
+
+/// The number in a field. The exponent may follow the letter D, as in Fortran.
+fn number(field: &str) -> Option<f64> {
+    field.parse().ok().or_else(|| field.replace(['d', 'D'], "e").parse().ok())
+}
+
+/// A count or index, which may be written as 3.0.
+fn whole(number: f64) -> Option<usize> {
+    let fits = number.fract() == 0.0 && (0.0..9e15).contains(&number);
+    fits.then_some(number as usize)
 }
 
 fn cropped(droplets: Microphysics, crop: Crop) -> Microphysics {

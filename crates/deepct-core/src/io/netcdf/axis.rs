@@ -11,17 +11,16 @@ const UNIFORM: f64 = 2e-3;
 /// The values of a coordinate in km.
 ///
 /// # Errors
-/// Returns an error if the values are not real numbers or if the units are neither km nor m.
+/// Returns an error if the values are not real numbers or if the unit is not one of length.
 pub(crate) fn kilometres(axis: &Variable) -> Result<Vec<f64>> {
-    let values: ArrayD<f64> = axis.reals()?;
-    let kilometre = length_unit(axis)?;
-    Ok(values.iter().map(|value| value * kilometre).collect())
+    let values: ArrayD<f64> = axis.reals_in("km")?;
+    Ok(values.into_raw_vec_and_offset().0)
 }
 
 /// The lower edge (km) and the spacing (km) of a uniform coordinate.
 pub(crate) fn edge_and_spacing(axis: &Variable) -> Result<(f64, f64)> {
     let values = kilometres(axis)?;
-    let kilometre = length_unit(axis)?;
+    let kilometre = axis.factor_to("km")?;
     let (first, last) = (values[0], values[values.len() - 1]);
     let recorded = axis.number("spacing").map(|spacing| spacing * kilometre);
     let spacing = match (values.len(), recorded) {
@@ -58,14 +57,4 @@ pub(crate) fn edge_and_spacing(axis: &Variable) -> Result<(f64, f64)> {
     let recorded = axis.number("lower_edge").map(|edge| edge * kilometre);
     let exact = recorded.filter(|exact| (exact - edge).abs() <= 1e-6 * spacing);
     Ok((exact.unwrap_or(edge), spacing))
-}
-
-/// The unit of a coordinate in km.
-fn length_unit(axis: &Variable) -> Result<f64> {
-    match axis.text("units").as_deref() {
-        Some("km" | "kilometer" | "kilometers" | "kilometre" | "kilometres") => Ok(1.0),
-        Some("m" | "meter" | "meters" | "metre" | "metres") => Ok(1e-3),
-        found => Err(axis
-            .error(format!("has units {found:?}"), "set its attribute `units` to \"km\" or \"m\"")),
-    }
 }

@@ -6,6 +6,7 @@ use super::{Input, Provenance, Variable, edge_and_spacing};
 use crate::cloud::{Cloud, EFFECTIVE_VARIANCE, Microphysics};
 use crate::error::{Error, Result};
 use crate::grid::{Grid, Mask, Volume};
+use crate::io::plausible::Checks;
 use crate::math::DVec3;
 use crate::network::Estimate;
 use crate::scene::Observation;
@@ -67,15 +68,32 @@ pub(super) fn put_cloud(output: &mut Output, cloud: &Cloud) -> Result<()> {
 }
 
 /// Read a cloud on `(z, y, x)`: `lwc` and `reff` (and `veff`, 0.1 if not given), or
-/// `extinction`, or both.
+/// `extinction`, or both. Values are converted from the units of the file.
 ///
 /// # Errors
-/// Returns an error if the file is missing, damaged or of another type, if values are negative or
-/// not finite, or if coordinates are not uniform.
+/// Returns an error if the file is missing, damaged or of another type, if a variable has no unit
+/// or that of another quantity, if values are negative, missing, not finite or far beyond those of
+/// clouds, or if coordinates are not uniform.
 pub fn read_cloud(path: impl AsRef<Path>) -> Result<Cloud> {
     let path = path.as_ref();
+    checked_cloud(path, &mut Checks::new(path, false))
+}
+
+/// Read a cloud as [`read_cloud`] does, but accept values that are far beyond those of clouds.
+/// Returns the cloud and a warning about each kind of such values.
+///
+/// # Errors
+/// As [`read_cloud`], except for such values.
+pub fn read_implausible_cloud(path: impl AsRef<Path>) -> Result<(Cloud, Vec<String>)> {
+    let path = path.as_ref();
+    let mut checks = Checks::new(path, true);
+    let cloud = checked_cloud(path, &mut checks)?;
+    Ok((cloud, checks.into_warnings()))
+}
+
+fn checked_cloud(path: &Path, checks: &mut Checks) -> Result<Cloud> {
     let input = Input::open(path)?;
-    let read = |name| input.variable_on(name, &AXES)?.reals_3d::<f32>();
+    let read = |name, unit| input.variable_on(name, &AXES)?.reals_3d_in::<f32>(unit);
     let (water, extinction) = (input.has("lwc"), input.has("extinction"));
     if !water && !extinction {
         let names = input.names().join(", ");
@@ -87,22 +105,29 @@ pub fn read_cloud(path: impl AsRef<Path>) -> Result<Cloud> {
     let grid = grid_of(&input.variable(if water { "lwc" } else { "extinction" })?, &input)?;
     let mut cloud = Cloud { grid, microphysics: None, extinction: None };
     if water {
-        let liquid_water_content = read("lwc")?;
+        let liquid_water_content = read("lwc", "g m-3")?;
+        let mut effective_radius = read("reff", "um")?;
         let effective_variance = if input.has("veff") {
-            read("veff")?
+            read("veff", "1")?
         } else {
             Array3::from_elem(grid.shape, EFFECTIVE_VARIANCE)
         };
-        let droplets = Microphysics {
-            liquid_water_content,
-            effective_radius: read("reff")?,
-            effective_variance,
-        };
+        if effective_radius.dim() == liquid_water_content.dim() {
+            // Many programs write a missing radius where there is no water.
+            effective_radius.zip_mut_with(&liquid_water_content, |radius, &water| {
+                *radius = if water == 0.0 && radius.is_nan() { 0.0 } else { *radius };
+            });
+        }
+        let droplets = Microphysics { liquid_water_content, effective_radius, effective_variance };
         cloud = Cloud::from_microphysics(grid, droplets).map_err(Error::in_file(path))?;
+        cloud.microphysics.as_ref().map_or(Ok(()), |droplets| checks.droplets(droplets))?;
     }
     if extinction {
-        let volume = Volume::new(grid, read("extinction")?).map_err(Error::in_file(path))?;
+        let volume =
+            Volume::new(grid, read("extinction", "km-1")?).map_err(Error::in_file(path))?;
         cloud.extinction = Cloud::from_extinction(volume).map_err(Error::in_file(path))?.extinction;
+        let values = cloud.extinction.as_ref();
+        values.map_or(Ok(()), |values| checks.extinction("extinction", values))?;
     }
     Ok(cloud)
 }
@@ -155,9 +180,10 @@ pub fn read_volume(path: impl AsRef<Path>) -> Result<Volume> {
     let path = path.as_ref();
     let input = Input::open(path)?;
     let variable = input.variable_on("extinction", &AXES)?;
-    let values = variable.reals_3d()?;
+    let values = variable.reals_3d_in("km-1")?;
     let volume = Volume::new(grid_of(&variable, &input)?, values)?;
     volume.check_non_negative("extinction").map_err(Error::in_file(path))?;
+    Checks::new(path, false).extinction("extinction", &volume.values)?;
     Ok(volume)
 }
 
@@ -171,7 +197,7 @@ pub fn read_estimate(path: impl AsRef<Path>) -> Result<Estimate> {
     let input = Input::open(path)?;
     let uncertainty = match input.has("uncertainty") {
         true => {
-            let values = input.variable_on("uncertainty", &AXES)?.reals_3d()?;
+            let values = input.variable_on("uncertainty", &AXES)?.reals_3d_in("km-1")?;
             let volume = Volume::new(extinction.grid, values);
             let checked = volume.and_then(|volume| {
                 volume.check_non_negative("uncertainty")?;

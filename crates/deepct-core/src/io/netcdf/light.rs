@@ -90,8 +90,13 @@ pub(super) fn put_light(output: &Output, observation: &Observation) -> Result<()
 /// The scene illumination of an open file and the required keys that it does not specify.
 pub(super) fn get_light(input: &Input) -> Result<(Light, Vec<String>)> {
     let mut values = BTreeMap::new();
-    for (name, key, ..) in VARIABLES {
-        values.insert(key.to_owned(), toml::Value::Float(input.scalar(name)?));
+    for (name, key, unit, ..) in VARIABLES {
+        // The irradiance has the unit of the radiances times sr, whichever that is.
+        let number = match name {
+            "sun_irradiance" => input.variable_on(name, &[])?.reals::<f64>()?.sum(),
+            _ => input.scalar(name, unit)?,
+        };
+        values.insert(key.to_owned(), toml::Value::Float(number));
     }
     if input.has(CONTAINER) {
         let container = input.variable(CONTAINER)?;

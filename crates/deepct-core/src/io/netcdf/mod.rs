@@ -13,8 +13,8 @@ mod write;
 
 pub(crate) use axis::{edge_and_spacing, kilometres};
 pub use field::{
-    read_cloud, read_estimate, read_grid, read_mask, read_volume, write_cloud, write_estimate,
-    write_mask, write_volume,
+    read_cloud, read_estimate, read_grid, read_implausible_cloud, read_mask, read_volume,
+    write_cloud, write_estimate, write_mask, write_volume,
 };
 pub use light::read_light;
 pub use observation::{read_observation, write_observation};

@@ -66,8 +66,10 @@ pub(super) fn put_observation(output: &mut Output, observation: &Observation) ->
 pub fn read_observation(path: impl AsRef<Path>) -> Result<Observation> {
     let path = path.as_ref();
     let input = Input::open(path)?;
+    let relative = is_relative_to_the_irradiance(&input)?;
     let stack = |name| -> Result<ViewStack> {
-        let values = input.variable_on(name, &PIXELS)?.reals_3d()?;
+        let variable = input.variable_on(name, &PIXELS)?;
+        let values = if relative { variable.reals_3d()? } else { variable.reals_3d_in("sr-1")? };
         ViewStack::new(values).map_err(|problem| {
             input.error(name, problem.to_string(), "write images without missing pixels")
         })
@@ -84,6 +86,30 @@ pub fn read_observation(path: impl AsRef<Path>) -> Result<Observation> {
     }
     (observation.assumed, observation.standard_error) = (assumed, standard_error);
     Ok(observation)
+}
+
+/// Whether the radiances have the unit of the solar irradiance per steradian, other than `sr-1`.
+fn is_relative_to_the_irradiance(input: &Input) -> Result<bool> {
+    if !input.has("sun_irradiance") || !input.has("radiance") {
+        return Ok(false);
+    }
+    let parts = |text: String| -> Vec<String> {
+        let mut parts: Vec<_> = text
+            .split([' ', '.', '*'])
+            .filter(|part| !part.is_empty())
+            .map(str::to_owned)
+            .collect();
+        parts.sort();
+        parts
+    };
+    let irradiance = input.variable("sun_irradiance")?.unit_text();
+    let Some(irradiance) = irradiance.filter(|text| text != "1") else { return Ok(false) };
+    let radiance = input.variable("radiance")?;
+    if parts(radiance.unit_text().unwrap_or_default()) == parts(format!("{irradiance} sr-1")) {
+        return Ok(true);
+    }
+    let unit = format!("{irradiance} sr-1");
+    Err(radiance.wrong_unit(&unit, &unit))
 }
 
 fn write_cameras(output: &Output, views: &[View]) -> Result<()> {
@@ -163,24 +189,26 @@ impl Cameras {
 }
 
 fn read_views(input: &Input, [count, rows, cols]: [usize; 3]) -> Result<Vec<View>> {
-    let numbers = |name| -> Result<Array1<f64>> {
-        let values: ArrayD<f64> = input.variable_on(name, &["view"])?.reals()?;
+    let numbers = |name, unit| -> Result<Array1<f64>> {
+        let values: ArrayD<f64> = input.variable_on(name, &["view"])?.reals_in(unit)?;
         check_count(input, name, values.len(), count)?;
         Ok(values.into_dimensionality().expect("one dimension was checked"))
     };
-    let vectors = |name| -> Result<Vec<DVec3>> {
+    let vectors = |name, unit| -> Result<Vec<DVec3>> {
         let variable = input.variable_on(name, &["view", "component"])?;
         check_count(input, name, variable.shape.iter().product(), 3 * count)?;
-        let values: ArrayD<f64> = variable.reals()?;
+        let values: ArrayD<f64> = variable.reals_in(unit)?;
         let values = values.into_raw_vec_and_offset().0;
         Ok(values.chunks_exact(3).map(DVec3::from_slice).collect())
     };
     let orthographic = input.variable_on("projection", &["view"])?.flags()?;
     check_count(input, "projection", orthographic.len(), count)?;
-    let (position, direction) = (vectors("camera_position")?, vectors("camera_direction")?);
-    let target = vectors("target")?;
-    let (tangent, pixel_km) = (numbers("pixel_tangent")?, numbers("pixel_km")?);
-    let (zenith, azimuth) = (numbers("view_zenith_deg")?, numbers("view_azimuth_deg")?);
+    let (position, direction) =
+        (vectors("camera_position", "km")?, vectors("camera_direction", "1")?);
+    let target = vectors("target", "km")?;
+    let (tangent, pixel_km) = (numbers("pixel_tangent", "1")?, numbers("pixel_km", "km")?);
+    let (zenith, azimuth) =
+        (numbers("view_zenith_deg", "degree")?, numbers("view_azimuth_deg", "degree")?);
     (0..count)
         .map(|index| {
             let size = [rows, cols];

@@ -3,18 +3,27 @@
 
 use super::{MAX_VALUES, dimension};
 use crate::error::{Error, Result};
-use hdf5::types::{FixedAscii, FixedUnicode, TypeDescriptor, VarLenAscii, VarLenUnicode};
+use crate::io::units::Unit;
+use hdf5::types::{
+    FixedAscii, FixedUnicode, FloatSize, TypeDescriptor, VarLenAscii, VarLenUnicode,
+};
 use hdf5::{Dataset, H5Type, Hyperslab, Location, SliceOrIndex};
 use ndarray::{Array3, ArrayD, Ix3};
+use std::collections::BTreeMap;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 /// Maximum length of a text attribute of fixed length (bytes).
 const LONGEST_TEXT: usize = 4096;
 
+/// The value that the netCDF library assigns to real numbers that were never written.
+const UNWRITTEN: f64 = 9.969_209_968_386_869e36;
+
 /// A file that is open for reading.
 pub(crate) struct Input {
     path: PathBuf,
+    /// Units that replace those of the file, by the name of the variable.
+    units: BTreeMap<String, String>,
     file: hdf5::File,
     scales: Vec<(String, Dataset)>,
 }
@@ -53,12 +62,39 @@ impl Real for f64 {
     }
 }
 
-/// The CF packing of real numbers: `value = stored * scale + offset`, and the stored number that
-/// represents a missing value.
-struct Packing {
-    scale: Option<f64>,
-    offset: Option<f64>,
-    missing: Option<f64>,
+/// How the stored numbers of a variable represent its values, according to the attributes of the
+/// netCDF and CF conventions.
+struct Coding {
+    /// The factor and the term of `value = stored * scale + offset`, if the values are packed.
+    packing: Option<(f64, f64)>,
+    /// The number of stored integers, if negative ones represent large unsigned ones.
+    wrap: Option<f64>,
+    /// Stored numbers that represent a missing value.
+    missing: Vec<f64>,
+    /// Unpacked numbers that represent a missing value, and the tolerance of their comparison.
+    unpacked_missing: (Vec<f64>, f64),
+    /// The range of valid numbers, and whether it refers to unpacked ones.
+    valid: (f64, f64, bool),
+}
+
+impl Coding {
+    /// The value that a stored number represents; `None` for a missing value, and NaN for one
+    /// outside the valid range.
+    fn decode(&self, stored: f64) -> Option<f64> {
+        let is = |declared: &f64| *declared == stored || (declared.is_nan() && stored.is_nan());
+        if self.missing.iter().any(is) {
+            return None;
+        }
+        let stored = self.wrap.filter(|_| stored < 0.0).map_or(stored, |wrap| stored + wrap);
+        let value = self.packing.map_or(stored, |(scale, offset)| stored * scale + offset);
+        let (declared, tolerance) = &self.unpacked_missing;
+        if declared.iter().any(|declared| (declared - value).abs() <= *tolerance) {
+            return None;
+        }
+        let (least, most, unpacked) = self.valid;
+        let checked = if unpacked { value } else { stored };
+        Some(if checked < least || checked > most { f64::NAN } else { value })
+    }
 }
 
 impl Input {
@@ -89,7 +125,23 @@ impl Input {
             .filter(dimension::is_scale)
             .map(|scale| (leaf(&scale.name()), scale))
             .collect();
-        Ok(Self { path: path.into(), file, scales })
+        Ok(Self { path: path.into(), units: BTreeMap::new(), file, scales })
+    }
+
+    /// The same file with units that replace those of its variables.
+    ///
+    /// # Errors
+    /// Returns an error if the file has no variable with one of the names, or if a unit is not
+    /// understood.
+    pub(crate) fn with_units(self, units: &BTreeMap<String, String>) -> Result<Self> {
+        for (name, unit) in units {
+            self.variable(name)?;
+            if Unit::parse(unit).is_none() {
+                let problem = format!("has the unit \"{unit}\" in --units, which is not known");
+                return Err(self.error(name, problem, "give a unit such as \"g m-3\" or \"um\""));
+            }
+        }
+        Ok(Self { units: units.clone(), ..self })
     }
 
     /// An error about a field of this file.
@@ -143,9 +195,9 @@ impl Input {
         })
     }
 
-    /// The value of a scalar variable.
-    pub(crate) fn scalar(&self, name: &str) -> Result<f64> {
-        let values: ArrayD<f64> = self.variable_on(name, &[])?.reals()?;
+    /// The value of a scalar variable, converted to `unit`.
+    pub(crate) fn scalar(&self, name: &str, unit: &str) -> Result<f64> {
+        let values: ArrayD<f64> = self.variable_on(name, &[])?.reals_in(unit)?;
         Ok(values.into_raw_vec_and_offset().0[0])
     }
 }
@@ -193,15 +245,10 @@ impl Variable<'_> {
 
     /// The value of a numeric attribute.
     pub(crate) fn number(&self, name: &str) -> Option<f64> {
-        let attribute = self.dataset.attr(name).ok()?;
-        let numeric = matches!(
-            attribute.dtype().and_then(|kind| kind.to_descriptor()),
-            Ok(TypeDescriptor::Float(_) | TypeDescriptor::Integer(_) | TypeDescriptor::Unsigned(_))
-        );
-        if !numeric || attribute.size() != 1 {
-            return None;
+        match self.numbers(name).as_slice() {
+            [number] => Some(*number),
+            _ => None,
         }
-        attribute.read_raw::<f64>().ok()?.first().copied()
     }
 
     /// The names of its attributes.
@@ -209,50 +256,125 @@ impl Variable<'_> {
         self.dataset.attr_names().unwrap_or_default()
     }
 
-    /// All values as real numbers.
-    pub(crate) fn reals<T: Real>(&self) -> Result<ArrayD<T>> {
-        let all: Vec<_> = self.shape.iter().map(|&length| 0..length).collect();
-        self.reals_at(&all)
+    /// The numbers in an attribute, also if they are written as text.
+    fn numbers(&self, name: &str) -> Vec<f64> {
+        let Ok(attribute) = self.dataset.attr(name) else { return Vec::new() };
+        match attribute.dtype().and_then(|kind| kind.to_descriptor()) {
+            Ok(
+                TypeDescriptor::Float(_) | TypeDescriptor::Integer(_) | TypeDescriptor::Unsigned(_),
+            ) if attribute.size() <= LONGEST_TEXT => attribute.read_raw().unwrap_or_default(),
+            _ => self
+                .text(name)
+                .and_then(|text| text.trim_end_matches(['f', 'F', 'd', 'D', 's', 'b']).parse().ok())
+                .into_iter()
+                .collect(),
+        }
     }
 
-    /// All values of a variable with three axes.
+    /// The unit that the caller or, if the caller does not, the file states for the values.
+    pub(crate) fn unit_text(&self) -> Option<String> {
+        let stated = self.input.units.get(&self.name).cloned();
+        stated.or_else(|| self.text("units")).filter(|text| !text.is_empty())
+    }
+
+    /// The factor that converts the values to the unit `expected`. Plain numbers, and variables
+    /// whose name ends in the unit, may lack the attribute `units`.
+    ///
+    /// # Errors
+    /// Returns an error if the unit is missing, is not understood, or is that of another quantity.
+    pub(crate) fn factor_to(&self, expected: &str) -> Result<f64> {
+        let own = Unit::parse(expected).expect("units in the program are understood");
+        let in_name = format!("_{}", expected.replace("degree", "deg"));
+        match self.unit_text() {
+            None if expected == "1" || self.name.ends_with(&in_name) => Some(1.0),
+            None => None,
+            Some(text) => Unit::parse(&text).and_then(|unit| unit.factor_to(&own)),
+        }
+        .ok_or_else(|| self.wrong_unit(expected, expected))
+    }
+
+    /// An error that states the unit of the values, the expected one and an example of it.
+    pub(crate) fn wrong_unit(&self, expected: &str, example: &str) -> Error {
+        let found = self.unit_text();
+        let found = found.map_or("no units".into(), |text| format!("the units \"{text}\""));
+        self.error(
+            format!("has {found}, but {expected} is expected"),
+            &format!(
+                "correct the attribute `units`, or state the units of the numbers with `cloud \
+                 import --units {}=\"{example}\"`",
+                self.name
+            ),
+        )
+    }
+
+    /// All values, converted to `unit`. Missing values are NaN.
+    ///
+    /// # Errors
+    /// As [`Variable::factor_to`] and [`Variable::values_at`].
+    pub(crate) fn reals_in<T: Real>(&self, unit: &str) -> Result<ArrayD<T>> {
+        self.values_at(&self.everything(), self.factor_to(unit)?, f64::NAN)
+    }
+
+    /// All values of a variable with three axes, converted to `unit`. Missing values are NaN.
+    pub(crate) fn reals_3d_in<T: Real>(&self, unit: &str) -> Result<Array3<T>> {
+        self.with_three_axes(self.reals_in(unit)?)
+    }
+
+    /// All values in the unit of the file. Missing values are NaN.
+    pub(crate) fn reals<T: Real>(&self) -> Result<ArrayD<T>> {
+        self.values_at(&self.everything(), 1.0, f64::NAN)
+    }
+
+    /// All values of a variable with three axes in the unit of the file. Missing values are NaN.
     pub(crate) fn reals_3d<T: Real>(&self) -> Result<Array3<T>> {
-        let values = self.reals()?;
+        self.with_three_axes(self.reals()?)
+    }
+
+    fn with_three_axes<T>(&self, values: ArrayD<T>) -> Result<Array3<T>> {
         values.into_dimensionality::<Ix3>().map_err(|_| {
             self.error(format!("has shape {:?}", self.shape), "write it with three dimensions")
         })
     }
 
-    /// The values within a range of each axis as real numbers, unpacked according to CF. Missing
-    /// values are NaN.
+    fn everything(&self) -> Vec<Range<usize>> {
+        self.shape.iter().map(|&length| 0..length).collect()
+    }
+
+    /// The values within a range of each axis as real numbers, unpacked according to CF and
+    /// multiplied by `factor`. Values that the file declares as missing are replaced by `missing`;
+    /// those outside the valid range are NaN.
     ///
     /// # Errors
     /// Returns an error if the values are neither real numbers nor packed real numbers, if there
     /// are more than [`MAX_VALUES`], or if they cannot be read.
-    pub(crate) fn reals_at<T: Real>(&self, ranges: &[Range<usize>]) -> Result<ArrayD<T>> {
+    pub(crate) fn values_at<T: Real>(
+        &self,
+        ranges: &[Range<usize>],
+        factor: f64,
+        missing: f64,
+    ) -> Result<ArrayD<T>> {
         self.check_size(ranges)?;
-        let packing = self.packing();
-        let packed = packing.scale.is_some() || packing.offset.is_some();
-        match self.kind() {
-            Ok(TypeDescriptor::Float(_)) => {}
-            Ok(TypeDescriptor::Integer(_) | TypeDescriptor::Unsigned(_)) if packed => {}
-            kind => return Err(self.wrong_kind(kind, "real numbers")),
-        }
-        let missing = |value: f64| packing.missing == Some(value);
-        if !packed {
-            let mut values: ArrayD<T> = self.fetch(ranges)?;
-            if packing.missing.is_some() {
-                let nan =
-                    |value: T| if missing(value.to_f64()) { f64::NAN } else { value.to_f64() };
-                values.mapv_inplace(|value| T::from_f64(nan(value)));
+        let kind = self.kind();
+        let coding = self.coding(kind.as_ref().ok());
+        let value = |stored: f64| {
+            T::from_f64(coding.decode(stored).map_or(missing, |value| value * factor))
+        };
+        match kind {
+            Ok(TypeDescriptor::Float(_)) if coding.packing.is_none() => {
+                let mut values: ArrayD<T> = self.fetch(ranges)?;
+                values.mapv_inplace(|stored| value(stored.to_f64()));
+                Ok(values)
             }
-            return Ok(values);
+            Ok(TypeDescriptor::Integer(_) | TypeDescriptor::Unsigned(_))
+                if coding.packing.is_none() =>
+            {
+                Err(self.wrong_kind(kind, "real numbers"))
+            }
+            Ok(
+                TypeDescriptor::Float(_) | TypeDescriptor::Integer(_) | TypeDescriptor::Unsigned(_),
+            ) => Ok(self.fetch::<f64>(ranges)?.mapv(value)),
+            kind => Err(self.wrong_kind(kind, "real numbers")),
         }
-        let (scale, offset) = (packing.scale.unwrap_or(1.0), packing.offset.unwrap_or(0.0));
-        let stored: ArrayD<f64> = self.fetch(ranges)?;
-        Ok(stored.mapv(|value| {
-            T::from_f64(if missing(value) { f64::NAN } else { value * scale + offset })
-        }))
     }
 
     /// All values as booleans: 1 is true and 0 is false.
@@ -260,7 +382,7 @@ impl Variable<'_> {
     /// # Errors
     /// Returns an error if the variable contains other numbers.
     pub(crate) fn flags(&self) -> Result<ArrayD<bool>> {
-        let all: Vec<_> = self.shape.iter().map(|&length| 0..length).collect();
+        let all = self.everything();
         self.check_size(&all)?;
         let numbers: ArrayD<i64> = match self.kind() {
             Ok(TypeDescriptor::Boolean) => return self.fetch(&all),
@@ -287,12 +409,65 @@ impl Variable<'_> {
         }
     }
 
-    fn packing(&self) -> Packing {
-        Packing {
-            scale: self.number("scale_factor"),
-            offset: self.number("add_offset"),
-            missing: self.number("_FillValue").or_else(|| self.number("missing_value")),
+    fn coding(&self, kind: Option<&TypeDescriptor>) -> Coding {
+        let (scale, offset) = (self.number("scale_factor"), self.number("add_offset"));
+        let packed = scale.is_some() || offset.is_some();
+        let packing = packed.then(|| (scale.unwrap_or(1.0), offset.unwrap_or(0.0)));
+        // Attributes may have another type than the values, so they are rounded to that type.
+        let single = matches!(kind, Some(TypeDescriptor::Float(FloatSize::U4)));
+        let round = |number: f64| if single { f64::from(number as f32) } else { number };
+        let numbers =
+            |name: &str| -> Vec<f64> { self.numbers(name).into_iter().map(round).collect() };
+        let bits = match kind {
+            Some(TypeDescriptor::Integer(size) | TypeDescriptor::Unsigned(size)) => {
+                Some(8 * (*size as i32))
+            }
+            _ => None,
+        };
+        let signed = matches!(kind, Some(TypeDescriptor::Integer(_)));
+        let whole = |number: f64| bits.is_none() || number.fract() == 0.0;
+        let fill = numbers("_FillValue");
+        let mut missing = [fill.clone(), numbers("missing_value")].concat();
+        match bits {
+            None => missing.push(round(UNWRITTEN)),
+            // Bytes have no default, and other integers only if the file states no fill value.
+            Some(bits) if bits > 8 && fill.is_empty() => missing.push(match signed {
+                true => 1.0 - f64::from(bits - 1).exp2(),
+                false => f64::from(bits).exp2() - 1.0,
+            }),
+            Some(_) => {}
         }
+        let unpacked = missing.iter().copied().filter(|number| !whole(*number)).collect();
+        let range = match numbers("valid_range").as_slice() {
+            [least, most] => vec![*least, *most],
+            _ => Vec::new(),
+        };
+        let bound = |name: &str, index: usize| {
+            numbers(name).first().copied().or_else(|| range.get(index).copied())
+        };
+        let wrap = bits
+            .filter(|_| signed && self.text("_Unsigned").as_deref() == Some("true"))
+            .map(|bits| f64::from(bits).exp2());
+        let wrapped =
+            |number: f64| wrap.filter(|_| number < 0.0).map_or(number, |all| number + all);
+        let least = bound("valid_min", 0).map_or(f64::NEG_INFINITY, wrapped);
+        let most = bound("valid_max", 1).map_or(f64::INFINITY, wrapped);
+        let of_unpacked = packed
+            && bits.is_some()
+            && ["valid_range", "valid_min", "valid_max"].iter().any(|name| self.is_real(name));
+        Coding {
+            packing,
+            wrap,
+            missing,
+            unpacked_missing: (unpacked, 0.5 * scale.unwrap_or(0.0).abs()),
+            valid: (least, most, of_unpacked),
+        }
+    }
+
+    /// Whether an attribute holds real numbers rather than integers.
+    fn is_real(&self, name: &str) -> bool {
+        let kind = self.dataset.attr(name).and_then(|attribute| attribute.dtype()?.to_descriptor());
+        matches!(kind, Ok(TypeDescriptor::Float(_)))
     }
 
     fn kind(&self) -> hdf5::Result<TypeDescriptor> {

@@ -116,6 +116,7 @@ pub fn read_reference_extinction(path: &Path) -> Result<Volume> {
         Ok(input.variable(name)?.reals::<f64>()?.into_raw_vec_and_offset().0)
     };
     let (x, y, z) = (axis("x")?, axis("y")?, axis("z")?);
+    // AT3D does not write units; its extinction is in km-1.
     let values = input.variable("extinction")?.reals_3d::<f32>()?;
     if x.len() < 2 || y.len() < 2 || z.len() < 3 {
         return Err(input.error(

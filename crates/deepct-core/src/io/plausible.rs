@@ -1,0 +1,162 @@
+//! Limits of the values of clouds. A value beyond them is almost always in another unit than its
+//! file states, or it is the code of a missing value.
+
+use crate::cloud::Microphysics;
+use crate::error::{Error, Result};
+use ndarray::Array3;
+use std::path::Path;
+
+/// Largest plausible extinction (km-1); that of the densest clouds is a few hundred.
+const LARGEST_EXTINCTION: f32 = 1e4;
+/// Largest plausible liquid water content (g/m3); that of the densest clouds is about 5.
+const LARGEST_WATER: f32 = 20.0;
+/// Range of plausible effective radii (um).
+const RADII: [f32; 2] = [1.0, 60.0];
+/// Droplets smaller than that are plausible in traces of water, up to this number per cm3.
+const LARGEST_NUMBER: f64 = 1e4;
+/// Range of plausible densities of air (kg/m3).
+const DENSITIES: [f32; 2] = [0.1, 2.0];
+/// Larger numbers are codes of missing values.
+const CODE: f32 = 1e15;
+
+/// The checks of the values of one file, and the warnings about them.
+pub(crate) struct Checks<'a> {
+    path: &'a Path,
+    /// Whether an implausible value is a warning instead of an error.
+    allow: bool,
+    warnings: Vec<String>,
+}
+
+impl<'a> Checks<'a> {
+    pub(crate) fn new(path: &'a Path, allow: bool) -> Self {
+        Self { path, allow, warnings: Vec::new() }
+    }
+
+    pub(crate) fn warn(&mut self, warning: impl Into<String>) {
+        self.warnings.push(format!("{}: {}", self.path.display(), warning.into()));
+    }
+
+    pub(crate) fn into_warnings(self) -> Vec<String> {
+        self.warnings
+    }
+
+    /// Check the extinction, or its uncertainty (km-1).
+    ///
+    /// # Errors
+    /// Returns an error if a value is implausible.
+    pub(crate) fn extinction(&mut self, name: &str, values: &Array3<f32>) -> Result<()> {
+        match values.indexed_iter().find(|(_, value)| **value > LARGEST_EXTINCTION) {
+            None => Ok(()),
+            Some((voxel, &value)) => self.refuse(
+                name,
+                format!("is {value} km-1 at {}, more than {LARGEST_EXTINCTION}", text(voxel)),
+                likely(value, &[(1e-3, "the numbers may be in Mm-1")], [1e-3, LARGEST_EXTINCTION]),
+            ),
+        }
+    }
+
+    /// Check liquid water contents and effective radii.
+    ///
+    /// # Errors
+    /// Returns an error if a value is implausible.
+    pub(crate) fn droplets(&mut self, droplets: &Microphysics) -> Result<()> {
+        let Microphysics { liquid_water_content, effective_radius, .. } = droplets;
+        for (voxel, &water) in liquid_water_content.indexed_iter() {
+            let radius = effective_radius[voxel];
+            let at = || text(voxel);
+            if water > LARGEST_WATER {
+                return self.refuse(
+                    "liquid water content",
+                    format!("is {water} g m-3 at {}, more than {LARGEST_WATER}", at()),
+                    likely(
+                        water,
+                        &[
+                            (1e-3, "the numbers may be in g instead of kg, or in mg instead of g"),
+                            (1e-6, "the numbers may be in mg instead of kg, or in ug instead of g"),
+                        ],
+                        [0.0, LARGEST_WATER],
+                    ),
+                );
+            }
+            let traces = || number(water, radius) <= LARGEST_NUMBER;
+            if water > 0.0 && (radius > RADII[1] || (radius < RADII[0] && !traces())) {
+                return self.refuse(
+                    "effective radius",
+                    format!("is {radius} um at {}, not from {} to {}", at(), RADII[0], RADII[1]),
+                    likely(
+                        radius,
+                        &[
+                            (1e6, "the numbers may be in m"),
+                            (1e3, "the numbers may be in mm"),
+                            (1e-3, "the numbers may be in nm"),
+                        ],
+                        RADII,
+                    ),
+                );
+            }
+            let extinction = 1500.0 * water / radius;
+            if water > 0.0 && extinction > LARGEST_EXTINCTION {
+                return self.refuse(
+                    "liquid water content and effective radius",
+                    format!("are {water} g m-3 and {radius} um at {}: {extinction} km-1", at()),
+                    "the unit of one of them may be wrong".into(),
+                );
+            }
+        }
+        Ok(())
+    }
+
+    /// Check densities of air (kg/m3) of the variable or setting `name`.
+    ///
+    /// # Errors
+    /// Returns an error if a value is implausible.
+    pub(crate) fn air_density(&mut self, name: &str, values: &Array3<f32>) -> Result<()> {
+        let plausible = |value: f32| (DENSITIES[0]..=DENSITIES[1]).contains(&value);
+        match values.indexed_iter().find(|(_, value)| !plausible(**value)) {
+            None => Ok(()),
+            Some((voxel, &value)) => self.refuse(
+                name,
+                format!(
+                    "is {value} kg m-3 at {}, but the density of air is from {} to {}",
+                    text(voxel),
+                    DENSITIES[0],
+                    DENSITIES[1]
+                ),
+                likely(value, &[(1e-3, "the numbers may be in g m-3")], DENSITIES)
+                    + ": give --air-density",
+            ),
+        }
+    }
+
+    fn refuse(&mut self, field: &str, problem: String, likely: String) -> Result<()> {
+        if self.allow {
+            self.warn(format!("{field}: {problem}; {likely}"));
+            return Ok(());
+        }
+        let remedy = format!(
+            "{likely}; correct the file, state its units with `cloud import --units`, or accept the \
+             value with --allow-implausible of `cloud import` and `render`"
+        );
+        Err(Error::file(self.path, field, problem, remedy))
+    }
+}
+
+/// The number of droplets (per cm3) of this radius (um) that contain this much water (g/m3).
+fn number(water: f32, radius: f32) -> f64 {
+    let radius = 1e-6 * f64::from(radius);
+    f64::from(water) / (4.0 / 3.0 * std::f64::consts::PI * 1e6 * radius.powi(3)) * 1e-6
+}
+
+/// The likely reason why `value` is implausible: the first text whose factor makes it plausible.
+fn likely(value: f32, reasons: &[(f32, &str)], [least, most]: [f32; 2]) -> String {
+    if !value.is_finite() || value.abs() > CODE {
+        return "it may represent a missing value".into();
+    }
+    let fits = |(factor, _): &&(f32, &str)| (least..=most).contains(&(value * factor));
+    let reason = reasons.iter().find(fits);
+    reason.map_or_else(|| "its unit may be wrong".into(), |(_, text)| (*text).to_owned())
+}
+
+fn text((k, j, i): (usize, usize, usize)) -> String {
+    format!("voxel [z {k}, y {j}, x {i}]")
+}
