@@ -15,9 +15,8 @@ fn the_main_job_with_nothing_else_given() {
     let truth = extinction(&read_cloud(folder.join("cloud.nc")).unwrap()).unwrap();
     let estimate = read_volume(folder.join("estimate.nc")).unwrap();
     let epsilon = relative_error(&truth, &estimate).unwrap();
-    // An estimate of zero everywhere has an error of 1. The network must have a smaller error on a
-    // cloud from a different source than its training data.
-    assert!(epsilon < 0.9, "{epsilon}");
+    // 0.436 for this cloud, which is not of the simulation that the network was trained with.
+    assert!(epsilon < 0.47, "{epsilon}");
     assert!(table.contains(&format!("{epsilon:.3}")), "{epsilon} is not in: {table}");
 }
 

@@ -38,7 +38,8 @@ fn an_inversion_comes_near_the_truth_and_leaves_nothing_but_its_answer() {
     assert_eq!(program.files(), ["C.nc", "I.nc", "V.nc"]);
     let (found, mask) =
         (read_volume(program.path("V.nc")).unwrap(), read_mask(program.path("V.nc")).unwrap());
-    assert!(relative_error(&truth, &found).unwrap() < 0.6);
+    let epsilon = relative_error(&truth, &found).unwrap();
+    assert!(epsilon < 0.48, "{epsilon}");
     let mut outside = found.values.iter().zip(&mask.values).filter(|(_, inside)| !**inside);
     assert!(mask.count() < mask.values.len() && outside.all(|(value, _)| *value == 0.0));
     // A second run starts from this estimate and takes one more step.

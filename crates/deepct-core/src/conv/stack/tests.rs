@@ -96,8 +96,8 @@ fn error(found: &[f32], expected: &[f64]) -> f64 {
 fn bound(settings: Settings) -> f64 {
     match (settings.precision, settings.algorithm) {
         (Precision::Bfloat16, Some(Algorithm::WinogradF2)) => 0.02,
-        (Precision::Bfloat16, _) => 0.2,
-        (_, Some(Algorithm::WinogradF4) | None) => 2e-5,
+        (Precision::Bfloat16, _) => 0.06,
+        (_, Some(Algorithm::WinogradF4) | None) => 1e-5,
         _ => 2e-6,
     }
 }
