@@ -245,7 +245,7 @@ impl Args {
                 println!("error      {:.1} % of bright pixels, estimated", 100.0 * error);
             }
             if let Some(noise) = noise {
-                println!("noise      {:.2} % of the mean", 100.0 * noise);
+                println!("noise      {:.2} % of bright pixels", 100.0 * noise);
             }
         }
         if let Some(photons) = self.fluxes.filter(|_| !rendering.interrupted) {
@@ -285,13 +285,20 @@ fn print_fluxes(fluxes: &Fluxes) {
     }
 }
 
-/// The root mean square of the standard error divided by the mean radiance.
+/// Standard error over radiance of the bright pixels, those with at least half the radiance of the
+/// brightest one of their view: the root mean square that `--noise` asks for.
 fn relative_noise(images: &ViewStack, standard_error: &ViewStack) -> f64 {
-    let square = |value: &f32| f64::from(*value).powi(2);
-    let count = images.values.len() as f64;
-    let mean = images.values.iter().map(|v| f64::from(*v)).sum::<f64>() / count;
-    let squares = standard_error.values.iter().map(square).sum::<f64>();
-    (squares / count).sqrt() / mean
+    let (mut squares, mut count) = (0.0, 0.0);
+    for (image, error) in images.values.outer_iter().zip(standard_error.values.outer_iter()) {
+        let brightest = image.iter().copied().fold(0.0, f32::max);
+        for (value, error) in image.iter().zip(error) {
+            if *value > 0.0 && *value >= 0.5 * brightest {
+                squares += f64::from(error / value).powi(2);
+                count += 1.0;
+            }
+        }
+    }
+    if count > 0.0 { f64::sqrt(squares / count) } else { 0.0 }
 }
 
 /// Parameters of the run, recorded in the output file.

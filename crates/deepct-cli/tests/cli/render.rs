@@ -171,6 +171,10 @@ fn a_wanted_noise_is_reached() {
     }
     let noise = f32::sqrt(squares / bright);
     assert!(noise <= 0.1001 && noise > 0.03, "{noise}");
+    // The noise that is printed is the one that was asked for.
+    assert!(printed.contains(&format!("noise      {:.2} % of bright pixels", 100.0 * noise)));
+    // Fewer paths than a round has, and a noise that they do not reach.
+    program.succeed("render C.nc --views cloudct-10 --samples 8 --noise 0.001 --out few.nc");
     program.refuse("render C.nc --views cloudct-10 --noise 0 --out I.nc", &["noise", "positive"]);
 }
 

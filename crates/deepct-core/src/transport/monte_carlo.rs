@@ -77,7 +77,7 @@ impl MonteCarloSettings {
             return 0;
         }
         let missing = f64::from(drawn) * ((noise / wanted).powi(2) - 1.0);
-        left.min((missing.ceil() as u32).clamp(SMALLEST_ROUND, drawn))
+        left.min((missing.ceil() as u32).clamp(SMALLEST_ROUND, drawn.max(SMALLEST_ROUND)))
     }
 }
 
