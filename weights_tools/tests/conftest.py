@@ -84,6 +84,7 @@ def write_sample(path: Path, extinction: np.ndarray, radiance: np.ndarray, geome
             file[name].attrs["units"] = "km"
             file[name].make_scale(name)
         file["extinction"] = extinction
+        file["extinction"].attrs["units"] = "km-1"
         for axis, name in enumerate("zyx"):
             file["extinction"].dims[axis].attach_scale(file[name])
 

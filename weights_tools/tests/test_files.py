@@ -102,6 +102,7 @@ def test_big_endian_numbers_are_understood(folder):
             file[axis].units = "m"
         wet = np.maximum(cloud.reff.values, 1e-6)
         extinction = file.createVariable("extinction", ">f4", FIELD, endian="big")
+        extinction.units = "km-1"
         extinction[:] = 1500.0 * cloud.lwc.values / wet
     command = [DEEPCT, "score", "--truth", "cloud.nc", "big.nc", "--json"]
     run = subprocess.run(command, cwd=folder, check=True, capture_output=True, text=True)

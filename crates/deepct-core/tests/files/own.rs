@@ -342,6 +342,11 @@ fn radiances_have_the_unit_of_the_irradiance() {
         let attribute = dataset.new_attr::<hdf5::types::VarLenUnicode>().create("units").unwrap();
         attribute.write_scalar(&text).unwrap();
     };
+    // Without units the layout states them.
+    let file = hdf5::File::open_rw(&path).unwrap();
+    file.dataset("radiance").unwrap().delete_attr("units").unwrap();
+    drop(file);
+    assert_eq!(io::read_observation(&path).unwrap(), observation());
     for name in ["radiance", "radiance_standard_error"] {
         set(name, "W m-2 um-1 sr-1");
     }

@@ -69,7 +69,8 @@ pub fn read_observation(path: impl AsRef<Path>) -> Result<Observation> {
     let relative = is_relative_to_the_irradiance(&input)?;
     let stack = |name| -> Result<ViewStack> {
         let variable = input.variable_on(name, &PIXELS)?;
-        let values = if relative { variable.reals_3d()? } else { variable.reals_3d_in("sr-1")? };
+        let values =
+            if relative { variable.reals_3d()? } else { variable.reals_3d_of_layout("sr-1")? };
         ViewStack::new(values).map_err(|problem| {
             input.error(name, problem.to_string(), "write images without missing pixels")
         })
@@ -190,14 +191,14 @@ impl Cameras {
 
 fn read_views(input: &Input, [count, rows, cols]: [usize; 3]) -> Result<Vec<View>> {
     let numbers = |name, unit| -> Result<Array1<f64>> {
-        let values: ArrayD<f64> = input.variable_on(name, &["view"])?.reals_in(unit)?;
+        let values: ArrayD<f64> = input.variable_on(name, &["view"])?.reals_of_layout(unit)?;
         check_count(input, name, values.len(), count)?;
         Ok(values.into_dimensionality().expect("one dimension was checked"))
     };
     let vectors = |name, unit| -> Result<Vec<DVec3>> {
         let variable = input.variable_on(name, &["view", "component"])?;
         check_count(input, name, variable.shape.iter().product(), 3 * count)?;
-        let values: ArrayD<f64> = variable.reals_in(unit)?;
+        let values: ArrayD<f64> = variable.reals_of_layout(unit)?;
         let values = values.into_raw_vec_and_offset().0;
         Ok(values.chunks_exact(3).map(DVec3::from_slice).collect())
     };

@@ -197,7 +197,7 @@ impl Input {
 
     /// The value of a scalar variable, converted to `unit`.
     pub(crate) fn scalar(&self, name: &str, unit: &str) -> Result<f64> {
-        let values: ArrayD<f64> = self.variable_on(name, &[])?.reals_in(unit)?;
+        let values: ArrayD<f64> = self.variable_on(name, &[])?.reals_of_layout(unit)?;
         Ok(values.into_raw_vec_and_offset().0[0])
     }
 }
@@ -313,6 +313,20 @@ impl Variable<'_> {
     /// As [`Variable::factor_to`] and [`Variable::values_at`].
     pub(crate) fn reals_in<T: Real>(&self, unit: &str) -> Result<ArrayD<T>> {
         self.values_at(&self.everything(), self.factor_to(unit)?, f64::NAN)
+    }
+
+    /// As [`Variable::reals_in`]; numbers without units are taken to be in `unit`. For images, whose
+    /// layout states the units and which other programs write without attributes.
+    pub(crate) fn reals_of_layout<T: Real>(&self, unit: &str) -> Result<ArrayD<T>> {
+        match self.unit_text() {
+            None => self.reals(),
+            Some(_) => self.reals_in(unit),
+        }
+    }
+
+    /// As [`Variable::reals_of_layout`], for a variable with three axes.
+    pub(crate) fn reals_3d_of_layout<T: Real>(&self, unit: &str) -> Result<Array3<T>> {
+        self.with_three_axes(self.reals_of_layout(unit)?)
     }
 
     /// All values of a variable with three axes, converted to `unit`. Missing values are NaN.
