@@ -53,8 +53,6 @@ pub(crate) struct Args {
     /// error of the bright pixels of single clouds [default: 0.01]
     #[arg(long, value_name = "SHARE")]
     accuracy: Option<f64>,
-    #[command(flatten)]
-    light: LightFlags,
     /// Replace one value of the scene illumination, such as optics.extinction=mie
     #[arg(long, value_name = "KEY=VALUE", help_heading = "Scene illumination")]
     set: Vec<String>,
@@ -87,6 +85,8 @@ pub(crate) struct Args {
     /// Also write a PNG file that shows all images
     #[arg(long, value_name = "I.png")]
     png: Option<PathBuf>,
+    #[command(flatten)]
+    light: LightFlags,
 }
 
 /// Name of a solver.
