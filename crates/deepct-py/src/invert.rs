@@ -4,7 +4,7 @@ use crate::array::{Floats, IMAGES, VOLUME, booleans, give};
 use crate::cloud::read;
 use crate::error::raise;
 use crate::grid::Grid;
-use crate::light::{Light, or_default};
+use crate::light::{Light, or_default, warn_of_waves};
 use crate::network::Network;
 use crate::view::ViewSequence;
 use deepct_core::Result;
@@ -160,6 +160,7 @@ pub(crate) fn invert(
             }
         },
     };
+    warn_of_waves(py, &request.observation.light)?;
     let solved = py.detach(|| {
         request.solve(grid.0, |problem, models, settings| {
             inversion::invert(problem, models, &start, settings, &())
@@ -227,6 +228,7 @@ pub(crate) fn hybrid(
     if quick {
         request.settings = request.settings.quick();
     }
+    warn_of_waves(py, &request.observation.light)?;
     let network = network.inner();
     let solved = py.detach(|| {
         let grid = network_grid(network, &request.observation)?;

@@ -170,6 +170,16 @@ pub(crate) fn or_default(light: Option<Light>) -> scene::Light {
     light.map_or_else(scene::Light::default, |light| light.0)
 }
 
+/// Warns of what the discrete-ordinates solver neglects.
+pub(crate) fn warn_of_waves(py: Python<'_>, light: &scene::Light) -> PyResult<()> {
+    if light.surface.waves.is_some() {
+        let text = "the discrete-ordinates solver neglects the light of the cloud that ocean waves \
+                    reflect: the ocean near a cloud is up to 25 % too dark";
+        py.import("warnings")?.call_method1("warn", (text,))?;
+    }
+    Ok(())
+}
+
 /// The Python keyword for a key of the library.
 fn plain(key: &str) -> &str {
     key.rsplit('.').next().unwrap_or(key)

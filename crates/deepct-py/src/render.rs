@@ -3,7 +3,7 @@
 use crate::array::{Floats, VOLUME, give};
 use crate::error::raise;
 use crate::grid::Grid;
-use crate::light::{Light, or_default};
+use crate::light::{Light, or_default, warn_of_waves};
 use crate::view::ViewSequence;
 use deepct_core::Error;
 use deepct_core::cloud::Cloud;
@@ -139,6 +139,9 @@ pub(crate) fn render(
             return Err(raise(Error::out_of_range("solver", format!("\"{solver}\""), known)));
         }
     };
+    if matches!(solver, Solver::Ordinates(_)) {
+        warn_of_waves(py, &light)?;
+    }
     let interpolation = if trilinear { Interpolation::Trilinear } else { Interpolation::Constant };
     let (rendering, light) = py
         .detach(|| {

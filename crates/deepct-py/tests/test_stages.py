@@ -190,7 +190,8 @@ def test_an_inversion_knows_droplets_and_air(grid, extinction, views):
         phase="mie", effective_radius=8.0, effective_variance=0.05, air=True, wind_speed=6.0,
         periodic=True,
     )
-    images = deepct_py.render(extinction, grid, views, light, solver="ordinates")
+    with pytest.warns(UserWarning, match="ocean waves"):
+        images = deepct_py.render(extinction, grid, views, light, solver="ordinates")
     options = {"start": extinction, "iterations": 0, "mask": extinction > 0.0}
 
     def misfit(**other):
