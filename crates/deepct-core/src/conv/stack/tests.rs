@@ -96,7 +96,7 @@ fn error(found: &[f32], expected: &[f64]) -> f64 {
 fn bound(settings: Settings) -> f64 {
     match (settings.precision, settings.algorithm) {
         (Precision::Bfloat16, Some(Algorithm::WinogradF2)) => 0.02,
-        (Precision::Bfloat16, _) => 0.06,
+        (Precision::Bfloat16, _) => 0.12,
         (_, Some(Algorithm::WinogradF4) | None) => 1e-5,
         _ => 2e-6,
     }
