@@ -2,6 +2,7 @@
 """Images of both solvers beside each other, and the glory of a layer of droplets by both.
 
     python3 benches/solver_images.py images MONTE_CARLO.nc ORDINATES.nc --views 0,5,9 --out FIGURE.png
+    python3 benches/solver_images.py accuracy MONTE_CARLO.nc ORDINATES.nc
     python3 benches/solver_images.py glory --depth 10 --out FIGURE.png
 
 `images` draws views of two files of images of the same scene and their difference, and gives the relative
@@ -58,6 +59,21 @@ def draw_images(arguments: argparse.Namespace) -> None:
     figure.savefig(arguments.out, dpi=80)
 
 
+def print_accuracy(arguments: argparse.Namespace) -> None:
+    """Print the error of the bright pixels of all views, without the variance of the first file."""
+    import h5py
+
+    with h5py.File(arguments.first) as file:
+        expected, error = file["radiance"][...], file["radiance_standard_error"][...]
+    with h5py.File(arguments.second) as file:
+        found = file["radiance"][...]
+    bright = expected >= BRIGHT * expected.max(axis=(1, 2), keepdims=True)
+    squares = np.mean((found / expected - 1.0)[bright] ** 2)
+    noise = np.mean((error / expected)[bright] ** 2)
+    print(f"bright pixels {100.0 * np.sqrt(max(squares - noise, 0.0)):.2f} %, "
+          f"noise {100.0 * np.sqrt(noise):.2f} %")
+
+
 def draw_glory(arguments: argparse.Namespace) -> None:
     """Draw the radiance of a layer around backscatter by both solvers."""
     import deepct_py
@@ -99,6 +115,10 @@ def main() -> None:
     images.add_argument("second", type=Path, help="images of the same scene by discrete ordinates")
     images.add_argument("--views", default="0")
     images.set_defaults(draw=draw_images)
+    accuracy = verbs.add_parser("accuracy")
+    accuracy.add_argument("first", type=Path, help="images by the Monte Carlo solver")
+    accuracy.add_argument("second", type=Path, help="images of the same scene by discrete ordinates")
+    accuracy.set_defaults(draw=print_accuracy)
     glory = verbs.add_parser("glory")
     glory.add_argument("--depth", type=float, default=10.0)
     glory.add_argument("--paths", type=int, default=400_000)

@@ -5,7 +5,6 @@ use crate::light::{LightFlags, warn_of_waves};
 use crate::outcome::Outcome;
 use crate::output::check_output;
 use crate::progress::RenderProgress;
-use deepct_core::image::ViewStack;
 use deepct_core::io::{
     Provenance, read_cloud, read_implausible_cloud, write_exr, write_observation,
 };
@@ -200,8 +199,7 @@ impl Args {
         let provenance = self.provenance(global, light, &rendering);
         let samples = rendering.samples_per_pixel;
         let estimated_error = rendering.estimated_error;
-        let noise = rendering.standard_error.as_ref();
-        let noise = noise.map(|error| relative_noise(&rendering.images, error));
+        let noise = rendering.noise;
         let mut observation = Observation::new(light.clone(), views, rendering.images)?;
         observation.standard_error = rendering.standard_error;
         let out = name(&self.out);
@@ -283,22 +281,6 @@ fn print_fluxes(fluxes: &Fluxes) {
     ] {
         println!("{what:<26}  {:9.6}  {:.6}", share.mean, share.standard_error);
     }
-}
-
-/// Standard error over radiance of the bright pixels, those with at least half the radiance of the
-/// brightest one of their view: the root mean square that `--noise` asks for.
-fn relative_noise(images: &ViewStack, standard_error: &ViewStack) -> f64 {
-    let (mut squares, mut count) = (0.0, 0.0);
-    for (image, error) in images.values.outer_iter().zip(standard_error.values.outer_iter()) {
-        let brightest = image.iter().copied().fold(0.0, f32::max);
-        for (value, error) in image.iter().zip(error) {
-            if *value > 0.0 && *value >= 0.5 * brightest {
-                squares += f64::from(error / value).powi(2);
-                count += 1.0;
-            }
-        }
-    }
-    if count > 0.0 { f64::sqrt(squares / count) } else { 0.0 }
 }
 
 /// Parameters of the run, recorded in the output file.

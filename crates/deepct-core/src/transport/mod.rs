@@ -63,6 +63,8 @@ pub struct Rendering {
     /// over the pixels with at least half the radiance of the brightest pixel of their view), if
     /// [`OrdinatesSettings::estimate_error`] requests it.
     pub estimated_error: Option<f64>,
+    /// [`Progress::noise`] of the images by the Monte Carlo solver.
+    pub noise: Option<f64>,
 }
 
 /// Progress of a rendering.
@@ -129,11 +131,14 @@ pub fn render(
                 interrupted,
                 converged: model.converged(),
                 estimated_error,
+                noise: None,
             })
         }
     }
 }
 
+/// Pixels with at least this share of the radiance of the brightest pixel of their view are bright.
+pub(crate) const BRIGHT: f64 = 0.5;
 /// Ratio of the error of the images to their difference from those of a coarser solution.
 const ERROR_SHARE: f64 = 0.2;
 
@@ -144,7 +149,7 @@ fn bright_difference(images: &ViewStack, others: &ViewStack) -> f64 {
     for (image, other) in images.values.outer_iter().zip(others.values.outer_iter()) {
         let brightest = image.iter().copied().fold(0.0, f32::max);
         for (value, other) in image.iter().zip(other) {
-            if *value > 0.0 && *value >= 0.5 * brightest {
+            if *value > 0.0 && f64::from(*value) >= BRIGHT * f64::from(brightest) {
                 squares += f64::from(other / value - 1.0).powi(2);
                 count += 1.0;
             }

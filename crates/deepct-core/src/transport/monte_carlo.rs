@@ -5,7 +5,7 @@
 //! rounds, between which the solver may stop.
 
 use super::path::Tracer;
-use super::{Progress, Rendering, Watch};
+use super::{BRIGHT, Progress, Rendering, Watch};
 use crate::error::{Error, Result};
 use crate::image::ViewStack;
 use crate::math::Ray;
@@ -20,9 +20,6 @@ const ROUNDS: u32 = 32;
 const SMALLEST_ROUND: u32 = 16;
 /// Number of samples per pixel in the first round if a noise is given.
 const FIRST_ROUND: u32 = 64;
-/// A pixel is bright if its radiance is at least this share of that of the brightest pixel of its
-/// view.
-const BRIGHT: f64 = 0.5;
 
 /// Settings of the Monte Carlo solver.
 #[derive(Debug, Clone, PartialEq)]
@@ -220,6 +217,7 @@ pub(super) fn render(
         interrupted,
         converged: true,
         estimated_error: None,
+        noise: Some(film.noise()),
     })
 }
 

@@ -20,7 +20,8 @@ use crate::scene::{
     Boundary, Formation, Light, Observation, PhaseModel, Scene, Sun, Surface, View,
 };
 use crate::transport::{
-    MonteCarloSettings, OrdinatesModel, OrdinatesSettings, Rendering, Solver, radiances, render,
+    BRIGHT, MonteCarloSettings, OrdinatesModel, OrdinatesSettings, Rendering, Solver, radiances,
+    render,
 };
 use crate::traverse::walk;
 use ndarray::Array3;
@@ -35,9 +36,6 @@ const SIGNAL_TOLERANCE: f64 = 0.015;
 const PIXEL_TOLERANCE: f64 = 0.015;
 /// Accepted relative difference between the estimated and the measured error of bright pixels.
 const ESTIMATE_TOLERANCE: f64 = 0.5;
-/// A pixel is bright if its radiance is at least this fraction of that of the brightest pixel of
-/// its view.
-const BRIGHT: f64 = 0.5;
 /// Number of rays along each side of a pixel that test whether it intersects the cloud.
 const RAYS: usize = 4;
 /// View zenith angle, and view azimuth relative to the solar azimuth (degrees).
