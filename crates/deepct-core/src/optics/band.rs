@@ -3,6 +3,16 @@
 use super::population::{cosines, default_radii};
 use super::{DropletOptics, DropletSettings, DropletTable, PhaseFunction};
 use crate::error::{Error, Result};
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// Number of tables that [`DropletTable::shared`] keeps.
+const KEPT_TABLES: usize = 4;
+
+/// A table that was computed, with its settings, the width of its band and its radii.
+type KeptTable = (DropletSettings, f64, Vec<f64>, Arc<DropletTable>);
+
+/// The tables computed last, the latest one at the end.
+static KEPT: Mutex<Vec<KeptTable>> = Mutex::new(Vec::new());
 
 /// Number of wavelengths in a band.
 const WAVELENGTHS: usize = 8;
@@ -23,6 +33,34 @@ impl DropletTable {
     /// Returns an error if the width is negative, or if a setting or a wavelength is out of range.
     pub fn of_band(settings: &DropletSettings, width: f64) -> Result<Self> {
         Self::of_radii(settings, width, &default_radii())
+    }
+
+    /// The table of [`DropletTable::of_radii`]; by default for the radii of
+    /// [`DropletTable::of_band`]. The process keeps the last four tables, because a table takes
+    /// seconds to compute and programs that render many scenes need the same one again and again.
+    ///
+    /// # Errors
+    /// As [`DropletTable::of_band`].
+    pub fn shared(
+        settings: &DropletSettings,
+        width: f64,
+        radii: Option<&[f64]>,
+    ) -> Result<Arc<Self>> {
+        let radii = radii.map_or_else(default_radii, <[f64]>::to_vec);
+        let kept = || KEPT.lock().unwrap_or_else(PoisonError::into_inner);
+        let is_same = |(other, width_of_other, radii_of_other, _): &KeptTable| {
+            other == settings && *width_of_other == width && *radii_of_other == radii
+        };
+        if let Some((.., table)) = kept().iter().find(|table| is_same(table)) {
+            return Ok(table.clone());
+        }
+        let table = Arc::new(Self::of_radii(settings, width, &radii)?);
+        let mut kept = kept();
+        if kept.len() == KEPT_TABLES {
+            kept.remove(0);
+        }
+        kept.push((*settings, width, radii, table.clone()));
+        Ok(table)
     }
 
     /// As [`DropletTable::of_band`], for the given ascending effective radii (um).
@@ -95,6 +133,18 @@ mod tests {
     use super::*;
 
     /// The maximum of Planck's law is at 2897.77 um K divided by the temperature (Wien's law).
+    /// A table is computed once, and settings that differ have different tables.
+    #[test]
+    fn a_table_is_shared_by_equal_settings() {
+        let settings = DropletSettings::water(0.61);
+        let table = |radius: f64| DropletTable::shared(&settings, 0.0, Some(&[radius])).unwrap();
+        assert!(Arc::ptr_eq(&table(2.0), &table(2.0)));
+        assert_eq!(*table(3.0), DropletTable::of_radii(&settings, 0.0, &[3.0]).unwrap());
+        let first = table(2.0);
+        (0..KEPT_TABLES).for_each(|number| drop(table(4.0 + number as f64)));
+        assert!(!Arc::ptr_eq(&first, &table(2.0)));
+    }
+
     #[test]
     fn the_sun_shines_most_in_the_green() {
         let peak = 2897.77 / SUN_TEMPERATURE;

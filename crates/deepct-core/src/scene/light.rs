@@ -231,10 +231,10 @@ impl Light {
         let settings = self.droplet_settings(cloud);
         let width = self.optics.bandwidth;
         let table = match (&cloud.microphysics, self.optics.effective_radius) {
-            (None, Some(radius)) => DropletTable::of_radii(&settings, width, &[radius])?,
-            _ => DropletTable::of_band(&settings, width)?,
+            (None, Some(radius)) => DropletTable::shared(&settings, width, Some(&[radius]))?,
+            _ => DropletTable::shared(&settings, width, None)?,
         };
-        Ok(Some(Arc::new(table)))
+        Ok(Some(table))
     }
 
     /// The scene illumination as recorded with the images of a cloud. If the phase function is that
