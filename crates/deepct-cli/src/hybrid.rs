@@ -3,9 +3,10 @@
 use crate::global::Global;
 use crate::inversion::{Flags, Job};
 use crate::light::resolve_light;
+use crate::network::NetworkFlags;
 use crate::outcome::Outcome;
-use deepct_core::io::{load_weights, read_observation};
-use deepct_core::network::Network;
+use deepct_core::conv;
+use deepct_core::io::read_observation;
 use deepct_core::{Error, Result};
 use std::path::PathBuf;
 
@@ -21,9 +22,8 @@ use std::path::PathBuf;
 pub(crate) struct Args {
     /// File of images
     images: PathBuf,
-    /// Network weights: a file, or the name of built-in weights (cloudct-10, pearls-32)
-    #[arg(long, value_name = "FILE|NAME")]
-    weights: PathBuf,
+    #[command(flatten)]
+    network: NetworkFlags,
     /// Run the quick hybrid: 12 steps with one correction by the accurate solver
     #[arg(long, conflicts_with = "iterations")]
     quick: bool,
@@ -36,12 +36,13 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
     if args.quick {
         settings.inversion = settings.inversion.quick();
     }
-    let network = Network::new(&load_weights(&args.weights)?)?;
+    let network = args.network.estimator(conv::Settings::default())?;
+    let grid = args.network.grid()?;
     let mut observation = read_observation(&args.images)?;
     resolve_light(&mut observation, &args.images, &given, global.quiet)?;
     let start = observation
         .imaging_geometry()
-        .and_then(|geometry| network.estimate(&observation.images, &geometry))
+        .and_then(|geometry| network.estimate(&observation.images, &geometry, grid.as_ref()))
         .map_err(Error::in_file(&args.images))?;
     let job = Job {
         quick: args.quick,
@@ -52,7 +53,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
         observation,
         grid: start.extinction.grid,
         start: start.into(),
-        init: args.weights.display().to_string(),
+        init: args.network.weights.display().to_string(),
     };
     job.run(global)?;
     Ok(Outcome::Success)

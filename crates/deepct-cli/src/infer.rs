@@ -3,13 +3,14 @@
 use crate::config;
 use crate::defaults;
 use crate::global::Global;
+use crate::network::NetworkFlags;
 use crate::outcome::Outcome;
 use crate::output::check_output;
 use deepct_core::carve::{CarveSettings, carve};
 use deepct_core::conv;
-use deepct_core::grid::{Mask, Volume};
-use deepct_core::io::{Provenance, load_weights, read_mask, read_observation, write_estimate};
-use deepct_core::network::{Estimate, Network};
+use deepct_core::grid::{Grid, Mask, Volume};
+use deepct_core::io::{Provenance, read_mask, read_observation, write_estimate};
+use deepct_core::network::{Estimate, Estimator};
 use deepct_core::scene::Observation;
 use deepct_core::{Error, Result};
 use std::path::{Path, PathBuf};
@@ -19,9 +20,8 @@ use std::path::{Path, PathBuf};
 pub(crate) struct Args {
     /// File of images
     images: PathBuf,
-    /// Network weights: a file, or the name of built-in weights (cloudct-10, pearls-32)
-    #[arg(long, value_name = "FILE|NAME")]
-    weights: PathBuf,
+    #[command(flatten)]
+    network: NetworkFlags,
     /// Set the extinction to zero outside this mask
     #[arg(long, value_name = "M.nc", conflicts_with = "carve")]
     mask: Option<PathBuf>,
@@ -67,20 +67,22 @@ impl ConvolutionSettings {
 }
 
 pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
-    let mut inputs = vec![&*args.images, &*args.weights];
+    let mut inputs = vec![&*args.images, &*args.network.weights];
     inputs.extend(args.mask.as_deref());
+    inputs.extend(args.network.grid.as_deref());
     check_output(&args.out, &inputs)?;
     let settings: InferSettings = args.settings.resolve(defaults::INFER)?;
-    let weights = load_weights(&args.weights)?;
     let convolution = settings.convolution.resolve()?;
-    let network = Network::with_settings(&weights, convolution)?;
+    let network = args.network.estimator(convolution)?;
+    let grid = args.network.grid()?;
     let observation = read_observation(&args.images)?;
-    let mut estimate = infer(&network, &observation).map_err(Error::in_file(&args.images))?;
+    let mut estimate =
+        infer(&network, &observation, grid.as_ref()).map_err(Error::in_file(&args.images))?;
     let rounding = match convolution.precision {
         conv::Precision::Single => None,
         _ => {
             let single = conv::Settings { precision: conv::Precision::Single, ..convolution };
-            let exact = infer(&Network::with_settings(&weights, single)?, &observation)?;
+            let exact = infer(&args.network.estimator(single)?, &observation, grid.as_ref())?;
             Some(Rounding::between(&estimate.extinction, &exact.extinction))
         }
     };
@@ -88,12 +90,13 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
         mask.apply(&mut estimate.extinction)?;
         estimate.uncertainty.as_mut().map_or(Ok(()), |values| mask.apply(values))?;
     }
-    let metadata = network.metadata();
+    let weights = network.weights();
     let resolved = Resolved {
         images: &args.images,
-        weights: &args.weights,
-        formation: &metadata.formation,
-        trained_on: &metadata.training.identity,
+        weights: &args.network.weights,
+        formation: weights.formation(),
+        trained_on: &weights.training().identity,
+        grid: args.network.grid.as_deref(),
         mask: args.mask.as_deref(),
         carve: args.carve,
         settings,
@@ -146,8 +149,8 @@ impl Rounding {
     }
 }
 
-fn infer(network: &Network, observation: &Observation) -> Result<Estimate> {
-    network.estimate(&observation.images, &observation.imaging_geometry()?)
+fn infer(network: &Estimator, observation: &Observation, grid: Option<&Grid>) -> Result<Estimate> {
+    network.estimate(&observation.images, &observation.imaging_geometry()?, grid)
 }
 
 /// The requested mask, on the grid of the volume.
@@ -174,8 +177,9 @@ fn find_mask(args: &Args, observation: &Observation, volume: &Volume) -> Result<
 struct Resolved<'a> {
     images: &'a Path,
     weights: &'a Path,
-    formation: &'a str,
+    formation: Option<&'a str>,
     trained_on: &'a str,
+    grid: Option<&'a Path>,
     mask: Option<&'a Path>,
     carve: bool,
     #[serde(flatten)]

@@ -20,6 +20,7 @@ mod inversion;
 mod invert;
 mod light;
 mod man;
+mod network;
 mod outcome;
 mod output;
 mod plot;

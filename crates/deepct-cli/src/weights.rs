@@ -2,8 +2,11 @@
 
 use crate::outcome::Outcome;
 use deepct_core::Result;
-use deepct_core::io::load_weights;
-use deepct_core::network::{ImageLayout, Planes, WeightsMetadata, receptive_field};
+use deepct_core::io::load_trained_weights;
+use deepct_core::network::{
+    GeneralMetadata, ImageLayout, NetworkOutput, Planes, TrainedWeights, WeightsMetadata,
+    receptive_field,
+};
 use std::path::PathBuf;
 
 /// Inspect weights of the network
@@ -15,9 +18,10 @@ pub(crate) struct Args {
 
 #[derive(Debug, clap::Subcommand)]
 enum Action {
-    /// Print the formation and grid that the weights were trained for, their layers and scores
+    /// Print the formations and grids that the weights were trained for, their layers and scores
     Inspect {
-        /// Weights: a file, or the name of built-in ones (cloudct-10, pearls-32)
+        /// Weights: a file, or the name of built-in ones (general, cloudct-10,
+        /// pearls-32)
         #[arg(value_name = "FILE|NAME")]
         weights: PathBuf,
         /// Print one JSON object
@@ -28,39 +32,56 @@ enum Action {
 
 /// The metadata, and quantities derived from them.
 #[derive(Debug, serde::Serialize)]
-struct Report<'a> {
+struct Report<M> {
     layers: usize,
     parameters: usize,
     receptive_field: usize,
     #[serde(flatten)]
-    metadata: &'a WeightsMetadata,
+    metadata: M,
 }
 
 pub(crate) fn run(args: &Args) -> Result<Outcome> {
     let Action::Inspect { weights, json } = &args.action;
-    let weights = load_weights(weights)?;
-    let architecture = &weights.metadata.architecture;
-    let report = Report {
-        layers: architecture.layers(),
-        parameters: architecture.parameters(),
-        receptive_field: receptive_field(architecture.layers()),
-        metadata: &weights.metadata,
-    };
-    if *json {
-        println!("{}", serde_json::to_string_pretty(&report).expect("plain numbers and text"));
-    } else {
-        print_report(&report);
+    match load_trained_weights(weights)? {
+        TrainedWeights::Formation(weights) => {
+            let architecture = &weights.metadata.architecture;
+            let report = Report {
+                layers: architecture.layers(),
+                parameters: architecture.parameters(),
+                receptive_field: receptive_field(architecture.layers()),
+                metadata: &weights.metadata,
+            };
+            print(&report, *json, print_report);
+        }
+        TrainedWeights::General(weights) => {
+            let layers = weights.metadata.architecture.layers;
+            let report = Report {
+                layers,
+                parameters: weights.parameters(),
+                receptive_field: receptive_field(layers),
+                metadata: &weights.metadata,
+            };
+            print(&report, *json, print_general_report);
+        }
     }
     Ok(Outcome::Success)
 }
 
+fn print<M: serde::Serialize>(report: &Report<M>, json: bool, as_text: fn(&Report<M>)) {
+    if json {
+        println!("{}", serde_json::to_string_pretty(report).expect("plain numbers and text"));
+    } else {
+        as_text(report);
+    }
+}
+
 /// The output quantities of the network as text.
-fn outputs(metadata: &WeightsMetadata) -> String {
-    let words = metadata.outputs.iter().map(|output| output.name());
+fn outputs(outputs: &[NetworkOutput]) -> String {
+    let words = outputs.iter().map(|output| output.name());
     words.collect::<Vec<_>>().join(" and ")
 }
 
-fn print_report(report: &Report<'_>) {
+fn print_report(report: &Report<&WeightsMetadata>) {
     let WeightsMetadata { formation, view_geometry, levels, training, .. } = report.metadata;
     let metadata = report.metadata;
     let degrees = |angles: &[f64]| {
@@ -84,7 +105,42 @@ fn print_report(report: &Report<'_>) {
     println!("channels         {}", runs(&metadata.architecture.channels));
     println!("receptive field  {0} x {0} pixels", report.receptive_field);
     println!("input            radiance (sr-1) x {}", metadata.input_scale);
-    println!("output           {} (km-1) / {}", outputs(metadata), metadata.output_scale);
+    println!("output           {} (km-1) / {}", outputs(&metadata.outputs), metadata.output_scale);
+    println!("trained on       {}, {} samples", training.data, training.samples);
+    println!("data identity    {}", training.identity);
+    println!("written by       {}", metadata.program);
+    for (name, score) in &metadata.scores {
+        println!("{name:15}  {score:.4}");
+    }
+}
+
+fn print_general_report(report: &Report<&GeneralMetadata>) {
+    let GeneralMetadata { architecture, levels, ranges, training, .. } = report.metadata;
+    let metadata = report.metadata;
+    let range = |[low, high]: [f64; 2]| format!("{low} to {high}");
+    println!("formation        any, {} views", range(ranges.views));
+    println!("view zenith      {} degrees", range(ranges.view_zenith_deg));
+    println!("Sun              zenith {} degrees", range(ranges.sun_zenith_deg));
+    println!("pixels           {} voxels wide", range(ranges.pixel_per_voxel));
+    println!("wavelength       {} um", range(ranges.wavelength_um));
+    println!("voxels           {} km wide, {} as high", range(ranges.voxel_km), levels.height);
+    println!("levels           {}", levels.count);
+    println!(
+        "images           resampled onto {} planes{}",
+        architecture.planes,
+        if architecture.extremes { ", with the minimum and maximum over the views" } else { "" }
+    );
+    println!("virtual views    {}", architecture.virtual_views);
+    println!("layers           {}, {} parameters", report.layers, report.parameters);
+    println!("channels         {} between the layers", architecture.width);
+    println!("receptive field  {0} x {0} pixels", report.receptive_field);
+    println!("input            radiance (sr-1) x {}", metadata.input_scale);
+    println!(
+        "output           {} (km-1) / {} for voxels of {} km",
+        outputs(&metadata.outputs),
+        metadata.output_scale,
+        metadata.voxel_km
+    );
     println!("trained on       {}, {} samples", training.data, training.samples);
     println!("data identity    {}", training.identity);
     println!("written by       {}", metadata.program);
@@ -94,7 +150,7 @@ fn print_report(report: &Report<'_>) {
 }
 
 fn layout(layout: &ImageLayout) -> String {
-    let ImageLayout::Planes(Planes { altitudes_km }) = layout else {
+    let ImageLayout::Planes(Planes { altitudes_km, .. }) = layout else {
         return "in camera geometry".into();
     };
     let altitudes: Vec<_> = altitudes_km.iter().map(|at| format!("{at:.2}")).collect();

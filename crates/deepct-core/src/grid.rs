@@ -1,5 +1,7 @@
 //! Regular grids and fields on them.
 
+pub mod resample;
+
 use crate::error::{Error, Result};
 use crate::math::DVec3;
 use ndarray::Array3;

@@ -7,8 +7,9 @@ use crate::light::{Light, or_default};
 use crate::view::ViewSequence;
 use deepct_core::grid::Mask;
 use deepct_core::image::ViewStack;
-use deepct_core::scene::{Observation, View, target};
-use deepct_core::{Result, io, network};
+use deepct_core::network::{Estimator, TrainedWeights};
+use deepct_core::scene::{self, Observation, View, imaging_geometry};
+use deepct_core::{Result, io};
 use numpy::PyArray3;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -19,11 +20,20 @@ type Field = Py<PyArray3<f32>>;
 
 /// A neural network with its weights. Construct it with `Network.load`.
 #[pyclass(frozen, module = "deepct_py")]
-pub(crate) struct Network(network::Network);
+pub(crate) struct Network(Estimator);
 
 #[pymethods]
 impl Network {
     /// Load a network from a weights file (safetensors), or a built-in network by its name.
+    ///
+    /// Parameters
+    /// ----------
+    /// name_or_path : str or path
+    ///     "general" (the default) estimates clouds from the images of any formation under any Sun.
+    ///     "cloudct-10" and "pearls-32" are for one formation and one Sun.
+    /// force : bool
+    ///     Also use general weights for a formation, Sun, pixel or voxel size outside the range of
+    ///     their training.
     ///
     /// Raises
     /// ------
@@ -32,10 +42,11 @@ impl Network {
     /// DeepctError
     ///     The file is damaged or does not contain weights of deepct.
     #[staticmethod]
-    fn load(py: Python<'_>, name_or_path: PathBuf) -> PyResult<Self> {
-        py.detach(|| network::Network::new(&io::load_weights(&name_or_path)?))
-            .map(Self)
-            .map_err(raise)
+    #[pyo3(signature = (name_or_path = PathBuf::from(io::GENERAL_WEIGHTS), *, force = false))]
+    fn load(py: Python<'_>, name_or_path: PathBuf, force: bool) -> PyResult<Self> {
+        let weights = py.detach(|| io::load_trained_weights(&name_or_path)).map_err(raise)?;
+        let estimator = Estimator::new(weights);
+        Ok(Self(if force { estimator.outside_training() } else { estimator }))
     }
 
     /// The names of the built-in networks, which `load` accepts in place of a file.
@@ -47,12 +58,18 @@ impl Network {
     /// The metadata of the weights file: view geometry, grid, training data and scores.
     #[getter]
     fn metadata<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
-        let text = serde_json::to_string(self.0.metadata()).expect("plain numbers and text");
+        let text = match self.0.weights() {
+            TrainedWeights::Formation(weights) => serde_json::to_string(&weights.metadata),
+            TrainedWeights::General(weights) => serde_json::to_string(&weights.metadata),
+        };
+        let text = text.expect("plain numbers and text");
         Ok(py.import("json")?.call_method1("loads", (text,))?.cast_into()?)
     }
 
-    /// The grid of the extinction that `infer` returns for images with the geometry `views`. It
-    /// has one column of voxels for each pixel and is centred horizontally on the target.
+    /// The grid of the extinction that `infer` returns for images with the geometry `views` if no
+    /// other is requested. It has one column of voxels for each pixel and is centred horizontally
+    /// on the target. For general weights, voxels are as wide as the smallest pixel at the target,
+    /// and 32 levels are centred on it.
     fn grid(&self, views: ViewSequence) -> PyResult<Grid> {
         self.grid_of(&views.0).map(Grid).map_err(raise)
     }
@@ -69,18 +86,20 @@ impl Network {
     ///     Scene illumination of the images; only Sun and wavelength are used.
     /// mask : array of bool, [z, y, x], optional
     ///     Cloud mask, for example from `carve`. The extinction is set to zero outside the mask.
+    /// grid : Grid, optional
+    ///     The grid of the estimate. General weights accept any grid. Default: `grid(views)`.
     ///
     /// Returns
     /// -------
     /// numpy.ndarray, float32, [z, y, x]
-    ///     Extinction (1/km) on `grid(views)`.
+    ///     Extinction (1/km) on the grid.
     ///
     /// Raises
     /// ------
     /// ValueError
     ///     The images do not have the geometry that the network was trained for (the message
     ///     states the value that differs), or the mask has the wrong shape.
-    #[pyo3(signature = (radiance, views, light = None, *, mask = None))]
+    #[pyo3(signature = (radiance, views, light = None, *, mask = None, grid = None))]
     fn infer(
         &self,
         py: Python<'_>,
@@ -88,8 +107,9 @@ impl Network {
         views: ViewSequence,
         light: Option<Light>,
         mask: Option<&Bound<'_, PyAny>>,
+        grid: Option<Grid>,
     ) -> PyResult<Field> {
-        let estimate = self.estimate(py, radiance, views, light, mask)?;
+        let estimate = self.estimate(py, radiance, views, light, mask, grid)?;
         Ok(estimate.0)
     }
 
@@ -102,7 +122,7 @@ impl Network {
     /// uncertainty : numpy.ndarray, float32, [z, y, x], or None
     ///     Expected absolute error of the extinction of each voxel (1/km); None if the network
     ///     does not estimate it.
-    #[pyo3(signature = (radiance, views, light = None, *, mask = None))]
+    #[pyo3(signature = (radiance, views, light = None, *, mask = None, grid = None))]
     fn estimate(
         &self,
         py: Python<'_>,
@@ -110,6 +130,7 @@ impl Network {
         views: ViewSequence,
         light: Option<Light>,
         mask: Option<&Bound<'_, PyAny>>,
+        grid: Option<Grid>,
     ) -> PyResult<(Field, Option<Field>)> {
         let radiance = Floats::new(radiance, "radiance", IMAGES)?.to_owned();
         let mask = mask.map(|mask| booleans(mask, "mask", VOLUME)).transpose()?;
@@ -118,7 +139,8 @@ impl Network {
             .detach(|| {
                 let observation = Observation::new(light, views.0, ViewStack::new(radiance)?)?;
                 let geometry = observation.imaging_geometry()?;
-                let mut estimate = self.0.estimate(&observation.images, &geometry)?;
+                let grid = grid.as_ref().map(|grid| &grid.0);
+                let mut estimate = self.0.estimate(&observation.images, &geometry, grid)?;
                 if let Some(mask) = mask {
                     let mask = Mask::new(estimate.extinction.grid, mask)?;
                     mask.apply(&mut estimate.extinction)?;
@@ -132,19 +154,24 @@ impl Network {
     }
 
     fn __repr__(&self) -> String {
-        let (metadata, layers) = (self.0.metadata(), self.0.metadata().architecture.layers());
-        format!("Network(formation=\"{}\", layers={layers})", metadata.formation)
+        let (formation, layers) = match self.0.weights() {
+            TrainedWeights::Formation(weights) => {
+                (weights.metadata.formation.as_str(), weights.metadata.architecture.layers())
+            }
+            TrainedWeights::General(weights) => ("any", weights.metadata.architecture.layers),
+        };
+        format!("Network(formation=\"{formation}\", layers={layers})")
     }
 }
 
 impl Network {
     /// The network of the library.
-    pub(crate) fn inner(&self) -> &network::Network {
+    pub(crate) fn inner(&self) -> &Estimator {
         &self.0
     }
 
     fn grid_of(&self, views: &[View]) -> Result<deepct_core::grid::Grid> {
-        let target = target(views)?;
-        self.0.grid([target.x, target.y], [views[0].rows, views[0].cols])
+        let geometry = imaging_geometry(&scene::Light::default(), views)?;
+        self.0.grid(&geometry, [views[0].rows, views[0].cols])
     }
 }

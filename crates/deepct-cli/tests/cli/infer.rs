@@ -4,12 +4,12 @@ use deepct_core::image::ViewStack;
 use deepct_core::io::{
     Provenance, read_estimate, read_mask, read_volume, write_mask, write_observation, write_weights,
 };
-use deepct_core::math::DVec3;
+use deepct_core::math::{DVec3, towards};
 use deepct_core::network::{
     Architecture, FORMAT_VERSION, ImageLayout, LayerWeights, Levels, Network, NetworkOutput,
     Planes, Training, Weights, WeightsMetadata,
 };
-use deepct_core::scene::{Formation, Observation, Sun};
+use deepct_core::scene::{Formation, Observation, Sun, View};
 use ndarray::{Array1, Array3, Array4};
 use std::collections::BTreeMap;
 
@@ -97,7 +97,7 @@ fn the_answer_is_that_of_the_library() {
 fn images_are_laid_on_the_planes_of_the_weights() {
     let program = Program::new();
     let (observation, camera) = files(&program);
-    let planes = ImageLayout::Planes(Planes { altitudes_km: vec![0.94, 1.06] });
+    let planes = ImageLayout::Planes(Planes { altitudes_km: vec![0.94, 1.06], extremes: false });
     let mut weights = weights(&observation, planes);
     write_weights(program.path("P.safetensors"), &weights).unwrap();
     let text = program.succeed("weights inspect P.safetensors");
@@ -178,6 +178,51 @@ fn a_mask_clears_what_is_outside() {
     program.refuse(line, &["far.nc", "grid of the mask"]);
     let line = "infer N.nc --weights W.safetensors --mask C.nc --carve --out V.nc";
     assert_eq!(program.run(line).code, 2);
+}
+
+/// Images of a formation, Sun and size that no fixed network was trained for: they need neither
+/// weights nor grid, and any grid can be requested.
+#[test]
+fn any_formation_needs_no_weights() {
+    let program = Program::new();
+    let size = [20, 26];
+    let views =
+        [(0.0, 0.0), (30.0, 80.0), (45.0, 200.0), (55.0, 310.0)].map(|(zenith, azimuth)| {
+            let towards = towards(f64::to_radians(zenith), f64::to_radians(azimuth));
+            View::perspective(TARGET + 500.0 * towards, TARGET, 8e-5, size).unwrap()
+        });
+    let radiance = Array3::from_shape_fn((4, 20, 26), |(_, row, col)| {
+        let bright = (8..13).contains(&row) && (10..16).contains(&col);
+        if bright { 0.2 } else { 0.02 }
+    });
+    let images = ViewStack::new(radiance).unwrap();
+    let sun = Sun::from_degrees(52.0, 250.0).unwrap();
+    let observation = Observation::new(sun, views.to_vec(), images).unwrap();
+    write_observation(program.path("N.nc"), &observation, &provenance()).unwrap();
+    let text = program.succeed("infer N.nc --carve --out V.nc");
+    assert!(text.contains("32 levels of 20 x 26 columns"), "{text}");
+    let estimate = read_estimate(program.path("V.nc")).unwrap();
+    let grid = estimate.extinction.grid;
+    assert!((grid.center() - TARGET).length() < 1e-9);
+    assert!((grid.spacing - DVec3::new(0.04, 0.04, 0.032)).length() < 1e-9);
+    assert!(estimate.extinction.values.iter().any(|value| *value > 1.0));
+    assert!(estimate.uncertainty.is_some());
+
+    let toml = "shape = [10, 12, 9]\nspacing_km = [0.06, 0.06, 0.1]\norigin_km = [0.1, 0.0, 0.5]\n";
+    std::fs::write(program.path("grid.toml"), toml).unwrap();
+    program.succeed("infer N.nc --grid grid.toml --out G.nc");
+    assert_eq!(read_volume(program.path("G.nc")).unwrap().grid.shape, [10, 12, 9]);
+
+    let low = Observation { light: Sun::from_degrees(78.0, 0.0).unwrap().into(), ..observation };
+    write_observation(program.path("low.nc"), &low, &provenance()).unwrap();
+    program.refuse(
+        "infer low.nc --out L.nc",
+        &["low.nc", "solar zenith angle", "78.00", "0 to 70 degrees", "--force"],
+    );
+    program.succeed("infer low.nc --force --out L.nc");
+    let text = program.succeed("weights inspect general");
+    assert!(text.contains("formation        any, 3 to 40 views"), "{text}");
+    assert!(text.contains("7, 6"), "{text}");
 }
 
 #[test]

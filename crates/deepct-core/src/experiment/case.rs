@@ -6,14 +6,16 @@ use crate::dataset::Manifest;
 use crate::error::{Error, Result};
 use crate::image::ViewStack;
 use crate::io::{self, Provenance};
-use crate::network::WeightsMetadata;
-use crate::scene::{Formation, Observation};
+use crate::scene::{Formation, Observation, View, target};
 use crate::sensor::{Scale, Sensor, expose};
 use crate::transport::{self, MonteCarloSettings, Solver};
 use ndarray::{Array3, Axis};
 use std::path::{Path, PathBuf};
 
-/// Largest angle between a view of a data set and the matching view of the weights (degrees).
+/// The formation of clouds without images if neither the settings nor the weights name one.
+const FORMATION: &str = "cloudct-10";
+
+/// Largest angle between a view of a data set and the matching view of a formation (degrees).
 const SAME_VIEW_DEG: f64 = 0.1;
 
 /// The origin of a cloud.
@@ -67,16 +69,16 @@ pub(super) fn cases(settings: &ExperimentSettings) -> Result<Vec<Case>> {
 }
 
 impl Case {
-    /// The cloud with its extinction, and the noisy images in the views of the weights. They are
+    /// The cloud with its extinction, and the noisy images of the views of a formation. They are
     /// computed once and stored in `path`.
     pub(super) fn open(
         &self,
         path: &Path,
         settings: &ExperimentSettings,
-        weights: &WeightsMetadata,
+        formation: Option<&str>,
     ) -> Result<(Cloud, Observation)> {
         if !path.exists() {
-            let (cloud, clean) = self.make(settings, weights)?;
+            let (cloud, clean) = self.make(settings, formation)?;
             let observation = through_sensor(&clean, settings, self.number)?;
             let provenance = Provenance {
                 title: format!("{}: truth and noisy images", self.name),
@@ -91,12 +93,15 @@ impl Case {
     fn make(
         &self,
         settings: &ExperimentSettings,
-        weights: &WeightsMetadata,
+        formation: Option<&str>,
     ) -> Result<(Cloud, Observation)> {
         let cloud = match &self.origin {
             Origin::Sample(path) => {
-                let observation = select_views(&io::read_observation(path)?, weights)
-                    .map_err(Error::in_file(path))?;
+                let mut observation = io::read_observation(path)?;
+                if let Some(name) = formation {
+                    observation =
+                        select_views(&observation, &preset(name)?).map_err(Error::in_file(path))?;
+                }
                 return Ok((io::read_cloud(path)?, observation));
             }
             Origin::File(path) => io::read_cloud(path)?,
@@ -104,9 +109,7 @@ impl Case {
         };
         let scene = settings.light.scene(&cloud)?;
         let truth = scene.medium.extinction.clone();
-        let formation = Formation::preset(&weights.formation).ok_or_else(|| {
-            Error::out_of_range("formation of the weights", &weights.formation, "a preset")
-        })?;
+        let formation = preset(formation.unwrap_or(FORMATION))?;
         let [_, rows, cols] = truth.grid.shape;
         let views = formation.views(truth.grid.center(), [rows, cols])?;
         let solver = Solver::MonteCarlo(MonteCarloSettings {
@@ -140,28 +143,28 @@ fn through_sensor(
     Ok(expose(clean, &sensor, Scale::BrightestAtFullWell, seed)?.observation)
 }
 
-/// Select the views of an observation that the weights require, in the order of the weights.
-fn select_views(observation: &Observation, weights: &WeightsMetadata) -> Result<Observation> {
-    let (has, wanted) = (observation.geometry(), &weights.view_geometry);
-    let direction = |geometry: &crate::image::ViewGeometry, view: usize| {
-        let (zenith, azimuth) = (
-            geometry.view_zenith_deg[view].to_radians(),
-            geometry.view_azimuth_deg[view].to_radians(),
-        );
-        crate::math::towards(zenith, azimuth)
-    };
-    let chosen: Vec<usize> = (0..wanted.view_zenith_deg.len())
-        .map(|view| {
-            let wanted = direction(wanted, view);
-            let near = |candidate: &usize| {
-                direction(&has, *candidate).angle_between(wanted).to_degrees() < SAME_VIEW_DEG
+fn preset(formation: &str) -> Result<Formation> {
+    Formation::preset(formation)
+        .ok_or_else(|| Error::out_of_range("formation", formation, "the name of a built-in one"))
+}
+
+/// Select the views of an observation that are those of a formation, in the order of the formation.
+fn select_views(observation: &Observation, formation: &Formation) -> Result<Observation> {
+    let (target, [_, rows, cols]) = (target(&observation.views)?, observation.images.shape());
+    let chosen: Vec<usize> = formation
+        .views(target, [rows, cols])?
+        .iter()
+        .enumerate()
+        .map(|(number, wanted)| {
+            let near = |view: &View| {
+                view.towards().angle_between(wanted.towards()).to_degrees() < SAME_VIEW_DEG
             };
-            (0..observation.views.len()).find(near).ok_or_else(|| {
+            observation.views.iter().position(near).ok_or_else(|| {
                 Error::mismatch(
                     "views of the data set",
-                    format!("one in the direction of view {view} of the weights"),
+                    format!("one in the direction of view {number} of the formation"),
                     "none",
-                    "use a data set that has all views of the weights",
+                    "use a data set that has all views of the formation",
                 )
             })
         })
@@ -190,8 +193,7 @@ mod tests {
         let images = Array3::from_shape_fn((32, 2, 2), |(view, _, _)| view as f32);
         let observation =
             Observation::new(Sun::default(), views, ViewStack::new(images).unwrap()).unwrap();
-        let weights = io::load_weights("cloudct-10").unwrap().metadata;
-        let selected = select_views(&observation, &weights).unwrap();
+        let selected = select_views(&observation, &Formation::cloudct_10()).unwrap();
         let expected = Formation::cloudct_10().views(target, [2, 2]).unwrap();
         assert_eq!(selected.views.len(), 10);
         for ((view, expected), image) in
@@ -206,7 +208,7 @@ mod tests {
             observation.views[..16].to_vec(),
             ViewStack::new(Array3::zeros((16, 2, 2))).unwrap(),
         );
-        assert!(select_views(&less.unwrap(), &weights).is_err());
+        assert!(select_views(&less.unwrap(), &Formation::cloudct_10()).is_err());
     }
 
     #[test]

@@ -30,8 +30,7 @@ pub struct ExperimentSettings {
     pub clouds: Vec<PathBuf>,
     /// Number of clouds from the built-in generator.
     pub generated: usize,
-    /// Folder of a data set for the formation of the weights, or for a formation that includes all
-    /// its views.
+    /// Folder of a data set for the formation, or for a formation that includes all its views.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub dataset: Option<PathBuf>,
     /// The split from which samples are taken.
@@ -40,6 +39,10 @@ pub struct ExperimentSettings {
     pub samples: usize,
     /// Weights of the network: a file or the name of built-in weights.
     pub weights: PathBuf,
+    /// The formation whose views are used. If absent: that of the weights; for general weights all
+    /// views of a sample, and `cloudct-10` for other clouds.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub formation: Option<String>,
     /// The methods to compare.
     pub methods: Vec<Method>,
     /// Name or file of the sensor, or `none`.
@@ -75,6 +78,7 @@ impl Default for ExperimentSettings {
             split: Split::Validation,
             samples: 0,
             weights: "cloudct-10".into(),
+            formation: None,
             methods: Method::ALL.into(),
             sensor: "cmv4000".into(),
             samples_per_pixel: 4096,

@@ -11,7 +11,7 @@ use crate::inversion::{
 };
 use crate::io::{self, Provenance};
 use crate::metrics;
-use crate::network::Network;
+use crate::network::Estimator;
 use crate::plot::volume_figure;
 use crate::scene::{Light, Observation};
 use crate::transport::OrdinatesSettings;
@@ -27,9 +27,9 @@ use std::time::Instant;
 /// of range, or if clouds, weights or results cannot be read or written.
 pub fn run(settings: &ExperimentSettings, folder: &Path, watch: &dyn Watch) -> Result<Experiment> {
     settings.check()?;
-    let weights = io::load_weights(&settings.weights)?;
+    let network = Estimator::new(io::load_trained_weights(&settings.weights)?);
     let cases = cases(settings)?;
-    let runner = MethodRunner { settings, folder, network: Network::new(&weights)? };
+    let runner = MethodRunner { settings, folder, network };
     runner.claim()?;
     let mut experiment = Experiment { outcomes: Vec::new(), made: 0, interrupted: false };
     let total = cases.len() * settings.methods.len();
@@ -62,7 +62,7 @@ pub fn run(settings: &ExperimentSettings, folder: &Path, watch: &dyn Watch) -> R
 struct MethodRunner<'a> {
     settings: &'a ExperimentSettings,
     folder: &'a Path,
-    network: Network,
+    network: Estimator,
 }
 
 /// A cloud that is being reconstructed.
@@ -115,7 +115,8 @@ impl MethodRunner<'_> {
 
     fn open(&self, case: &Case) -> Result<Work> {
         let path = self.folder.join("clouds").join(format!("{}.nc", case.name));
-        let (cloud, observation) = case.open(&path, self.settings, self.network.metadata())?;
+        let formation = self.settings.formation.as_deref().or(self.network.weights().formation());
+        let (cloud, observation) = case.open(&path, self.settings, formation)?;
         let mut light = observation.light.clone();
         if let Some(radius) = self.settings.effective_radius {
             light.optics.effective_radius = Some(radius);
@@ -195,8 +196,9 @@ impl MethodRunner<'_> {
         let settings = &self.settings.inversion;
         let reconstruction = match method {
             Method::Network => {
-                let estimate =
-                    self.network.estimate(&observation.images, &observation.imaging_geometry()?)?;
+                let geometry = observation.imaging_geometry()?;
+                let grid = Some(&truth.grid);
+                let estimate = self.network.estimate(&observation.images, &geometry, grid)?;
                 let expected = estimate.expected_relative_error();
                 let mut extinction = estimate.extinction;
                 mask.apply(&mut extinction)?;

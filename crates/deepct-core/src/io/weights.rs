@@ -63,8 +63,20 @@
 //! | `scores` | scores with arbitrary names; `epsilon` and `delta` are those of the validation set, as fractions |
 //! | `configuration` | the resolved configuration of the training, as arbitrary JSON |
 
+//!
+//! # General weights, version 4
+//! A file for any formation and any Sun has the key `network` with the value `"general"` and the
+//! other keys of [`GeneralMetadata`]. Its tensors are `layers.{i}.weight` and `layers.{i}.bias` as
+//! above, with the batch norm of every layer; `mixing.{i}.weight` `[out, in]` and
+//! `mixing.{i}.bias` `[out]`, the linear layers of the perceptron that mixes the views; and
+//! `modulation.{i}.weight` and `.bias`, those of the perceptron that scales and shifts the channels
+//! ([`GeneralWeights`]).
+
 use crate::error::{Error, Result};
-use crate::network::{BatchNorm, LayerWeights, Weights, WeightsMetadata};
+use crate::network::{
+    BatchNorm, GeneralMetadata, GeneralWeights, LayerWeights, Linear, Perceptron, TrainedWeights,
+    Weights, WeightsMetadata,
+};
 use ndarray::{Array, Dimension, IntoDimension};
 use safetensors::tensor::TensorView;
 use safetensors::{Dtype, SafeTensors};
@@ -77,27 +89,31 @@ pub const MAX_WEIGHTS_BYTES: u64 = 1 << 30;
 /// The key of the header's metadata that contains the data of deepct.
 const METADATA_KEY: &str = "deepct";
 
+/// The name of the built-in general weights.
+pub const GENERAL_WEIGHTS: &str = "general";
+
 /// The weights built into the program, by name.
-const BUILT_IN: [(&str, &[u8]); 2] = [
+const BUILT_IN: [(&str, &[u8]); 3] = [
+    (GENERAL_WEIGHTS, include_bytes!("../../weights/general.safetensors")),
     ("cloudct-10", include_bytes!("../../weights/cloudct-10.safetensors")),
     ("pearls-32", include_bytes!("../../weights/pearls-32.safetensors")),
 ];
 
-/// The names of the built-in weights, which [`load_weights`] accepts instead of a path.
+/// The names of the built-in weights, which [`load_trained_weights`] accepts instead of a path.
 pub fn built_in_weights() -> impl Iterator<Item = &'static str> {
     BUILT_IN.iter().map(|(name, _)| *name)
 }
 
-/// Load weights from a file, or built-in weights by name.
+/// Load weights of either kind from a file, or built-in weights by name.
 ///
 /// # Errors
 /// Returns an error if there is neither a file nor built-in weights of this name; also as
-/// [`read_weights`].
-pub fn load_weights(name_or_path: impl AsRef<Path>) -> Result<Weights> {
+/// [`read_trained_weights`].
+pub fn load_trained_weights(name_or_path: impl AsRef<Path>) -> Result<TrainedWeights> {
     let path = name_or_path.as_ref();
     match BUILT_IN.iter().find(|(name, _)| Path::new(name) == path) {
-        Some((_, bytes)) => parse_weights(bytes, path),
-        None if path.exists() => read_weights(path),
+        Some((_, bytes)) => parse_trained_weights(bytes, path),
+        None if path.exists() => read_trained_weights(path),
         None => {
             let names: Vec<_> = built_in_weights().collect();
             let remedy = format!("give a file or one of the built-in {}", names.join(", "));
@@ -106,13 +122,22 @@ pub fn load_weights(name_or_path: impl AsRef<Path>) -> Result<Weights> {
     }
 }
 
-/// Read weights from a file.
+/// Load weights for one formation from a file, or built-in weights by name.
+///
+/// # Errors
+/// As [`load_trained_weights`]; general weights.
+pub fn load_weights(name_or_path: impl AsRef<Path>) -> Result<Weights> {
+    let path = name_or_path.as_ref();
+    of_one_formation(load_trained_weights(path)?, path)
+}
+
+/// Read weights of either kind from a file.
 ///
 /// # Errors
 /// Returns an error if the file cannot be read, is larger than [`MAX_WEIGHTS_BYTES`], is truncated
 /// or is not safetensors; if metadata are missing, incomplete or out of range; or if a layer is
 /// missing or superfluous, has a wrong shape or type, or contains a value that is not finite.
-pub fn read_weights(path: impl AsRef<Path>) -> Result<Weights> {
+pub fn read_trained_weights(path: impl AsRef<Path>) -> Result<TrainedWeights> {
     let path = path.as_ref();
     let size = std::fs::metadata(path).map_err(Error::io(path))?.len();
     if size > MAX_WEIGHTS_BYTES {
@@ -120,14 +145,42 @@ pub fn read_weights(path: impl AsRef<Path>) -> Result<Weights> {
         return Err(Error::file(path, "file", problem, "give a file of weights"));
     }
     let bytes = std::fs::read(path).map_err(Error::io(path))?;
-    parse_weights(&bytes, path)
+    parse_trained_weights(&bytes, path)
 }
 
-/// Parse weights from the bytes of a file; `path` is used in error messages.
+/// Read weights for one formation from a file.
+///
+/// # Errors
+/// As [`read_trained_weights`]; general weights.
+pub fn read_weights(path: impl AsRef<Path>) -> Result<Weights> {
+    let path = path.as_ref();
+    of_one_formation(read_trained_weights(path)?, path)
+}
+
+fn of_one_formation(weights: TrainedWeights, path: &Path) -> Result<Weights> {
+    match weights {
+        TrainedWeights::Formation(weights) => Ok(weights),
+        TrainedWeights::General(_) => {
+            let problem = "are general weights, not those of one formation";
+            let remedy = "fold them for a geometry (GeneralWeights::fold), or use an Estimator";
+            Err(Error::file(path, "weights", problem, remedy))
+        }
+    }
+}
+
+/// Parse weights for one formation from the bytes of a file; `path` is used in error messages.
 ///
 /// # Errors
 /// As [`read_weights`].
 pub fn parse_weights(bytes: &[u8], path: &Path) -> Result<Weights> {
+    of_one_formation(parse_trained_weights(bytes, path)?, path)
+}
+
+/// Parse weights of either kind from the bytes of a file; `path` is used in error messages.
+///
+/// # Errors
+/// As [`read_trained_weights`].
+pub fn parse_trained_weights(bytes: &[u8], path: &Path) -> Result<TrainedWeights> {
     let damaged = |problem: safetensors::SafeTensorError| {
         let remedy = "the file is damaged or not safetensors: export it again";
         Error::file(path, "header", problem.to_string(), remedy)
@@ -135,68 +188,113 @@ pub fn parse_weights(bytes: &[u8], path: &Path) -> Result<Weights> {
     let (_, header) = SafeTensors::read_metadata(bytes).map_err(damaged)?;
     let metadata = parse_metadata(header.metadata().as_ref(), path)?;
     let tensors = SafeTensors::deserialize(bytes).map_err(damaged)?;
-    let mut tensors: BTreeMap<String, TensorView<'_>> = tensors.tensors().into_iter().collect();
-    let mut layers = Vec::new();
-    for (index, (input, output)) in metadata.architecture.layer_channels().enumerate() {
-        let mut source = LayerTensors { path, index, tensors: &mut tensors };
-        layers.push(source.layer(input, output)?);
-    }
-    if let Some(name) = tensors.keys().next() {
-        let problem = format!("is not a tensor of a network with {} layers", layers.len());
-        return Err(Error::file(path, name, problem, "export the weights again"));
-    }
-    Weights::new(metadata, layers)
+    let by_name = tensors.tensors().into_iter().collect();
+    let mut tensors = Tensors { path, by_name };
+    let weights = match metadata {
+        Metadata::Formation(metadata) => {
+            let layers = metadata.architecture.layer_channels().enumerate();
+            let layers =
+                layers.map(|(index, (input, output))| tensors.folded(index, input, output));
+            let layers = layers.collect::<Result<Vec<_>>>()?;
+            Weights::new(metadata, layers).map(TrainedWeights::Formation)
+        }
+        Metadata::General(metadata) => {
+            let layers = metadata.layer_channels().into_iter().enumerate();
+            let layers = layers.map(|(index, (input, output))| {
+                Ok((tensors.layer(index, input, output)?, tensors.batch_norm(index, output)?))
+            });
+            let layers = layers.collect::<Result<Vec<_>>>()?;
+            let [mixing, modulation] =
+                ["mixing", "modulation"].map(|name| tensors.perceptron(name));
+            GeneralWeights::new(metadata, mixing?, modulation?, layers).map(TrainedWeights::General)
+        }
+    };
+    tensors.check_used()?;
+    weights
         .map_err(|problem| Error::file(path, "weights", problem.to_string(), "export them again"))
 }
 
-fn parse_metadata(
-    header: Option<&HashMap<String, String>>,
-    path: &Path,
-) -> Result<WeightsMetadata> {
+/// The metadata of either kind of weights.
+enum Metadata {
+    Formation(WeightsMetadata),
+    General(GeneralMetadata),
+}
+
+fn parse_metadata(header: Option<&HashMap<String, String>>, path: &Path) -> Result<Metadata> {
     let remedy = "export the weights with weights_tools, which writes it";
     let invalid = |problem: String| Error::file(path, "metadata", problem, remedy);
     let text = header
         .and_then(|header| header.get(METADATA_KEY))
         .ok_or_else(|| invalid(format!("there is no \"{METADATA_KEY}\" in the header")))?;
-    let metadata: WeightsMetadata =
-        serde_json::from_str(text).map_err(|problem| invalid(problem.to_string()))?;
-    metadata.check().map_err(|problem| invalid(problem.to_string()))?;
-    Ok(metadata)
+    let parsed = |problem: serde_json::Error| invalid(problem.to_string());
+    let value: serde_json::Value = serde_json::from_str(text).map_err(parsed)?;
+    let metadata = if value.get("network").is_some_and(|network| network == GENERAL_WEIGHTS) {
+        let metadata: GeneralMetadata = serde_json::from_str(text).map_err(parsed)?;
+        metadata.check().map(|()| Metadata::General(metadata))
+    } else {
+        let metadata: WeightsMetadata = serde_json::from_str(text).map_err(parsed)?;
+        metadata.check().map(|()| Metadata::Formation(metadata))
+    };
+    metadata.map_err(|problem| invalid(problem.to_string()))
 }
 
-/// The tensors of one layer, which are removed from those of the file.
-struct LayerTensors<'a, 'data> {
+/// The tensors of a file that have not been used yet.
+struct Tensors<'a, 'data> {
     path: &'a Path,
-    index: usize,
-    tensors: &'a mut BTreeMap<String, TensorView<'data>>,
+    by_name: BTreeMap<String, TensorView<'data>>,
 }
 
-impl LayerTensors<'_, '_> {
-    fn layer(&mut self, input: usize, output: usize) -> Result<LayerWeights> {
-        let weight = self.take("weight", (output, input, 3, 3))?;
-        let layer = LayerWeights { weight, bias: self.take("bias", output)? };
-        let prefix = format!("layers.{}.batch_norm.", self.index);
-        if !self.tensors.keys().any(|name| name.starts_with(&prefix)) {
+impl Tensors<'_, '_> {
+    /// A layer, with its batch norm folded if there is one.
+    fn folded(&mut self, index: usize, input: usize, output: usize) -> Result<LayerWeights> {
+        let layer = self.layer(index, input, output)?;
+        let prefix = format!("layers.{index}.batch_norm.");
+        if !self.by_name.keys().any(|name| name.starts_with(&prefix)) {
             return Ok(layer);
         }
-        let norm = BatchNorm {
-            weight: self.take("batch_norm.weight", output)?,
-            bias: self.take("batch_norm.bias", output)?,
-            running_mean: self.take("batch_norm.running_mean", output)?,
-            running_var: self.take("batch_norm.running_var", output)?,
-        };
-        norm.fold_into(&layer).map_err(|problem| self.invalid("batch_norm", problem.to_string()))
+        let field = format!("layers.{index}.batch_norm");
+        let norm = self.batch_norm(index, output)?;
+        norm.fold_into(&layer).map_err(|problem| self.invalid(&field, problem.to_string()))
     }
 
-    /// Remove the tensor `layers.{index}.{name}`, which must be `F32` and have the given shape.
+    fn layer(&mut self, index: usize, input: usize, output: usize) -> Result<LayerWeights> {
+        let weight = self.take(&format!("layers.{index}.weight"), (output, input, 3, 3))?;
+        Ok(LayerWeights { weight, bias: self.take(&format!("layers.{index}.bias"), output)? })
+    }
+
+    fn batch_norm(&mut self, index: usize, output: usize) -> Result<BatchNorm> {
+        let mut take = |name| self.take(&format!("layers.{index}.batch_norm.{name}"), output);
+        Ok(BatchNorm {
+            weight: take("weight")?,
+            bias: take("bias")?,
+            running_mean: take("running_mean")?,
+            running_var: take("running_var")?,
+        })
+    }
+
+    /// The linear layers `{name}.{i}`, as many as there are.
+    fn perceptron(&mut self, name: &str) -> Result<Perceptron> {
+        let mut layers = Vec::new();
+        while let Some(tensor) = self.by_name.get(&format!("{name}.{}.weight", layers.len())) {
+            let field = format!("{name}.{}", layers.len());
+            let &[output, input] = tensor.shape() else {
+                let problem = format!("has the shape {:?}, but must have two axes", tensor.shape());
+                return Err(self.invalid(&format!("{field}.weight"), problem));
+            };
+            let weight = self.take(&format!("{field}.weight"), (output, input))?;
+            layers.push(Linear { weight, bias: self.take(&format!("{field}.bias"), output)? });
+        }
+        Perceptron::new(layers).map_err(|problem| self.invalid(name, problem.to_string()))
+    }
+
+    /// Remove a tensor, which must be `F32` and have the given shape.
     fn take<D: Dimension>(
         &mut self,
         name: &str,
         shape: impl IntoDimension<Dim = D>,
     ) -> Result<Array<f32, D>> {
         let shape = shape.into_dimension();
-        let full_name = format!("layers.{}.{name}", self.index);
-        let Some(tensor) = self.tensors.remove(&full_name) else {
+        let Some(tensor) = self.by_name.remove(name) else {
             return Err(self.invalid(name, "is missing".into()));
         };
         if tensor.dtype() != Dtype::F32 {
@@ -215,9 +313,18 @@ impl LayerTensors<'_, '_> {
         Array::from_shape_vec(shape, values).map_err(|e| self.invalid(name, e.to_string()))
     }
 
+    /// Returns an error if the file has another tensor.
+    fn check_used(&self) -> Result<()> {
+        match self.by_name.keys().next() {
+            None => Ok(()),
+            Some(name) => {
+                Err(self.invalid(name, "is not a tensor of a network with these layers".into()))
+            }
+        }
+    }
+
     fn invalid(&self, name: &str, problem: String) -> Error {
-        let field = format!("layers.{}.{name}", self.index);
-        Error::file(self.path, field, problem, "export the weights again")
+        Error::file(self.path, name, problem, "export the weights again")
     }
 }
 
@@ -315,7 +422,7 @@ mod tests {
 
     #[test]
     fn the_built_in_weights_are_for_the_formations_they_are_named_after() {
-        for name in built_in_weights() {
+        for name in built_in_weights().filter(|name| *name != GENERAL_WEIGHTS) {
             let metadata = load_weights(name).unwrap().metadata;
             let formation = crate::scene::Formation::preset(name).unwrap();
             let target = crate::math::DVec3::new(0.8, 0.8, metadata.target_altitude_km);
@@ -326,7 +433,9 @@ mod tests {
             assert_eq!(metadata.formation, name);
             assert!(metadata.scores["epsilon"] < 1.0, "{:?}", metadata.scores);
         }
-        assert_eq!(built_in_weights().count(), 2);
+        assert_eq!(built_in_weights().count(), 3);
+        assert!(matches!(load_trained_weights(GENERAL_WEIGHTS), Ok(TrainedWeights::General(_))));
+        assert!(load_weights(GENERAL_WEIGHTS).is_err());
     }
 
     #[test]
@@ -365,7 +474,7 @@ mod tests {
             (|d| d.tensors[2].3[7] = f32::NAN, "layers.1.weight: holds NaN"),
             (
                 |d| d.tensors.push(("layers.2.bias".into(), Dtype::F32, vec![1], vec![0.0])),
-                "layers.2.bias: is not a tensor of a network with 2 layers",
+                "layers.2.bias: is not a tensor of a network with these layers",
             ),
             (
                 |d| d.json["architecture"]["channels"] = serde_json::json!([3, 6, 4]),

@@ -26,4 +26,25 @@ impl Estimate {
         let sum = |volume: &Volume| volume.values.iter().map(|&v| f64::from(v)).sum::<f64>();
         self.uncertainty.as_ref().map(|uncertainty| sum(uncertainty) / sum(&self.extinction))
     }
+
+    /// Multiplies the uncertainty by the ratio of the error found to the error expected, which is
+    /// interpolated linearly between the pairs `[expected, found]` of a calibration.
+    pub(super) fn calibrate(&mut self, calibration: &[[f64; 2]]) {
+        let Some(expected) = self.expected_relative_error() else { return };
+        let (Some(first), Some(last)) = (calibration.first(), calibration.last()) else { return };
+        let ratio = |pair: &[f64; 2]| pair[1] / pair[0];
+        let after = calibration.partition_point(|pair| pair[0] <= expected);
+        let factor = if !expected.is_finite() || after == 0 {
+            ratio(first)
+        } else if after == calibration.len() {
+            ratio(last)
+        } else {
+            let (low, high) = (&calibration[after - 1], &calibration[after]);
+            let share = (expected - low[0]) / (high[0] - low[0]);
+            (1.0 - share) * ratio(low) + share * ratio(high)
+        };
+        if let Some(uncertainty) = &mut self.uncertainty {
+            uncertainty.values.mapv_inplace(|value| (f64::from(value) * factor) as f32);
+        }
+    }
 }

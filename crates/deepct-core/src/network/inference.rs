@@ -1,12 +1,11 @@
 //! Inference: from images to extinction.
 
-use super::resample::PlaneResampler;
+use super::resample::{Field, PlaneResampler};
 use super::{Estimate, NetworkOutput, Weights, WeightsMetadata};
 use crate::conv::{self, Conv2d, Scales, Settings, Stack};
 use crate::error::{Error, Result};
 use crate::grid::{Grid, Volume};
 use crate::image::{ImagingGeometry, ViewStack};
-use crate::math::DVec3;
 
 use ndarray::{Array3, s};
 
@@ -82,18 +81,12 @@ impl Network {
         self.stack.output_channels()
     }
 
-    /// The grid of the extinction returned by [`Network::infer`] for images of `[rows, cols]`
-    /// pixels with the point `target` (x and y, km) at their centre: one column of voxels for each
-    /// pixel, with the levels of the metadata.
+    /// The grid of the extinction returned by [`Network::infer`]; see [`WeightsMetadata::grid`].
     ///
     /// # Errors
-    /// A target that is not finite, an empty image, or one that is too large.
-    pub fn grid(&self, target: [f64; 2], [rows, cols]: [usize; 2]) -> Result<Grid> {
-        let WeightsMetadata { horizontal_spacing_km: [dx, dy], levels, .. } = &self.metadata;
-        let west = target[0] - 0.5 * dx * cols as f64;
-        let south = target[1] - 0.5 * dy * rows as f64;
-        let origin = DVec3::new(west, south, levels.bottom_km);
-        Grid::new(origin, DVec3::new(*dx, *dy, levels.spacing_km), [levels.count, rows, cols])
+    /// As [`WeightsMetadata::grid`].
+    pub fn grid(&self, target: [f64; 2], size: [usize; 2]) -> Result<Grid> {
+        self.metadata.grid(target, size)
     }
 
     /// Estimates the extinction (1/km) of the cloud in `images` (radiance, 1/sr) with the imaging
@@ -111,6 +104,24 @@ impl Network {
     /// # Errors
     /// As [`Network::infer`].
     pub fn estimate(&self, images: &ViewStack, geometry: &ImagingGeometry) -> Result<Estimate> {
+        let [_, rows, cols] = images.shape();
+        let [x, y, _] = geometry.target_km;
+        self.estimate_on(&self.grid([x, y], [rows, cols])?, images, geometry)
+    }
+
+    /// As [`Network::estimate`], on a grid with the voxels and levels of the metadata and any
+    /// number of columns at any horizontal position. Voxels that an image does not show are
+    /// estimated from the values at its edge.
+    ///
+    /// # Errors
+    /// As [`Network::infer`]; a grid with other voxels or levels; a grid other than
+    /// [`Network::grid`] if the network reads the images as recorded by the cameras.
+    pub fn estimate_on(
+        &self,
+        grid: &Grid,
+        images: &ViewStack,
+        geometry: &ImagingGeometry,
+    ) -> Result<Estimate> {
         self.metadata.check_images(geometry)?;
         let [views, rows, cols] = images.shape();
         if views != self.views() {
@@ -118,21 +129,27 @@ impl Network {
             return Err(Error::mismatch("number of views", self.views(), views, remedy));
         }
         let [x, y, _] = geometry.target_km;
-        let grid = self.grid([x, y], [rows, cols])?;
+        let (size, center) = ([grid.shape[1], grid.shape[2]], grid.center());
+        let supported = match self.resampler {
+            Some(_) => self.grid([center.x, center.y], size)?,
+            None => self.grid([x, y], [rows, cols])?,
+        };
+        supported.check_same("the estimate", grid)?;
         let unit = (1.0 / geometry.solar_irradiance) as f32;
         let scaled = (unit != 1.0).then(|| unit * &images.values);
         let radiance = scaled.as_ref().unwrap_or(&images.values).as_standard_layout();
         let radiance = radiance.as_slice().expect("standard layout is contiguous");
-        let mut scratch = self.scratch([1, rows, cols])?;
-        let mut values = Array3::zeros([self.output_channels(), rows, cols]);
+        let mut scratch = self.scratch([1, size[0], size[1]])?;
+        let mut values = Array3::zeros([self.output_channels(), size[0], size[1]]);
         let output = values.as_slice_mut().expect("a new array is contiguous");
-        self.run(radiance, output, &mut scratch)?;
+        let field = Field { size, center: [center.y - y, center.x - x] };
+        self.run_on(radiance, [rows, cols], field, output, &mut scratch)?;
         let uncertainty = match self.metadata.outputs.contains(&NetworkOutput::Uncertainty) {
-            true => Some(Volume::new(grid, values.slice(s![self.levels().., .., ..]).to_owned())?),
+            true => Some(Volume::new(*grid, values.slice(s![self.levels().., .., ..]).to_owned())?),
             false => None,
         };
         values.slice_collapse(s![..self.levels(), .., ..]);
-        Ok(Estimate { extinction: Volume::new(grid, values)?, uncertainty })
+        Ok(Estimate { extinction: Volume::new(*grid, values)?, uncertainty })
     }
 
     /// Allocates memory for [`Network::run`] for images of the size `[cloud, row, col]`.
@@ -155,11 +172,24 @@ impl Network {
     /// # Errors
     /// Slices whose lengths do not match these shapes.
     pub fn run(&self, input: &[f32], output: &mut [f32], scratch: &mut Scratch) -> Result<()> {
+        let [_, rows, cols] = scratch.size;
+        let field = Field { size: [rows, cols], center: [0.0, 0.0] };
+        self.run_on(input, [rows, cols], field, output, scratch)
+    }
+
+    /// As [`Network::run`], for images of `[rows, cols]` pixels and any field.
+    fn run_on(
+        &self,
+        input: &[f32],
+        [rows, cols]: [usize; 2],
+        field: Field,
+        output: &mut [f32],
+        scratch: &mut Scratch,
+    ) -> Result<()> {
         let Scratch { stack, size, ground } = scratch;
         let Some(resampler) = &self.resampler else { return self.stack.run(input, output, stack) };
-        let [count, rows, cols] = *size;
         for (what, expected, found) in [
-            ("number of values of the input", count * self.views() * rows * cols, input.len()),
+            ("number of values of the input", size[0] * self.views() * rows * cols, input.len()),
             ("length of the scratch", resampler.ground_len(*size)?, ground.len()),
         ] {
             if expected != found {
@@ -167,14 +197,15 @@ impl Network {
                 return Err(Error::mismatch(what, expected, found, remedy));
             }
         }
-        resampler.resample(input, [rows, cols], ground);
-        self.stack.run_from(&resampler.source(ground, [rows, cols]), output, stack)
+        resampler.resample(input, [rows, cols], field, ground);
+        self.stack.run_from(&resampler.source(ground, field.size), output, stack)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::math::DVec3;
     use crate::network::weights;
 
     /// The imaging geometry that the weights require, with the given target point (x and y, km).

@@ -29,6 +29,15 @@ pub struct Planes {
     /// Altitudes of the planes (km). Channel `plane * views + view` of the first layer is the image
     /// of `view` on that plane.
     pub altitudes_km: Vec<f64>,
+    /// Whether there are two more channels for each plane, after those of the views: first the
+    /// minimum over the views on each plane, then the maximum on each plane. A voxel is clear where
+    /// any view shows clear sky, which a sum over the views does not express.
+    #[serde(default, skip_serializing_if = "is_false")]
+    pub extremes: bool,
+}
+
+fn is_false(value: &bool) -> bool {
+    !value
 }
 
 /// The largest parallax between a plane and the target (voxels), comparable to the width of the
@@ -45,7 +54,9 @@ impl WeightsMetadata {
     pub fn input_channels(&self) -> usize {
         match &self.image_layout {
             ImageLayout::Camera => self.views(),
-            ImageLayout::Planes(planes) => self.views() * planes.altitudes_km.len(),
+            ImageLayout::Planes(Planes { altitudes_km, extremes }) => {
+                (self.views() + 2 * usize::from(*extremes)) * altitudes_km.len()
+            }
         }
     }
 
@@ -93,7 +104,7 @@ mod tests {
     use crate::network::fixture::metadata;
 
     fn on_planes() -> WeightsMetadata {
-        let planes = Planes { altitudes_km: vec![0.8, 1.2] };
+        let planes = Planes { altitudes_km: vec![0.8, 1.2], extremes: false };
         let mut metadata = metadata(&[3, 4]);
         metadata.image_layout = ImageLayout::Planes(planes);
         metadata.architecture.channels[0] = 6;
@@ -108,6 +119,8 @@ mod tests {
         let text = r#"{"planes":{"altitudes_km":[0.8,1.2]}}"#;
         assert_eq!(read(text).unwrap(), on_planes().image_layout);
         assert_eq!(serde_json::to_string(&on_planes().image_layout).unwrap(), text);
+        let with = r#"{"planes":{"altitudes_km":[0.8,1.2],"extremes":true}}"#;
+        assert!(matches!(read(with).unwrap(), ImageLayout::Planes(Planes { extremes: true, .. })));
         assert!(read("\"planes\"").is_err());
         assert!(read(r#"{"planes":{"altitudes_km":[0.8],"spacing_km":0.4}}"#).is_err());
     }
@@ -135,7 +148,8 @@ mod tests {
     }
 
     fn set(metadata: &mut WeightsMetadata, altitudes_km: &[f64]) {
-        metadata.image_layout = ImageLayout::Planes(Planes { altitudes_km: altitudes_km.into() });
+        let planes = Planes { altitudes_km: altitudes_km.into(), extremes: false };
+        metadata.image_layout = ImageLayout::Planes(planes);
     }
 
     /// Half a voxel is rounded down independently of rounding errors of the tangent.

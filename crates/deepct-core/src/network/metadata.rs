@@ -3,7 +3,9 @@
 
 use super::{Architecture, ImageLayout};
 use crate::error::{Error, Result};
+use crate::grid::Grid;
 use crate::image::{ImagingGeometry, ViewGeometry};
+use crate::math::DVec3;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -250,6 +252,20 @@ impl WeightsMetadata {
             return Err(self.differs("wavelength".into(), expected, found));
         }
         Ok(())
+    }
+
+    /// The grid of the extinction of a network with these weights for images of `[rows, cols]`
+    /// pixels with the point `target` (x and y, km) at their centre: one column of voxels for each
+    /// pixel, with the levels of the metadata.
+    ///
+    /// # Errors
+    /// A target that is not finite, an empty image, or one that is too large.
+    pub fn grid(&self, target: [f64; 2], [rows, cols]: [usize; 2]) -> Result<Grid> {
+        let ([dx, dy], levels) = (self.horizontal_spacing_km, self.levels);
+        let west = target[0] - 0.5 * dx * cols as f64;
+        let south = target[1] - 0.5 * dy * rows as f64;
+        let origin = DVec3::new(west, south, levels.bottom_km);
+        Grid::new(origin, DVec3::new(dx, dy, levels.spacing_km), [levels.count, rows, cols])
     }
 
     /// Compares the distances of the cameras, if the weights specify them.

@@ -8,6 +8,8 @@
 mod architecture;
 mod batch_norm;
 mod estimate;
+mod estimator;
+mod general;
 mod inference;
 mod layout;
 mod metadata;
@@ -17,6 +19,10 @@ mod weights;
 pub use architecture::{Architecture, channels, receptive_field};
 pub use batch_norm::{BATCH_NORM_EPSILON, BatchNorm};
 pub use estimate::Estimate;
+pub use estimator::{Estimator, TrainedWeights};
+pub use general::{
+    GeneralArchitecture, GeneralLevels, GeneralMetadata, GeneralWeights, Linear, Perceptron, Ranges,
+};
 pub use inference::{Network, Scratch};
 pub use layout::{ImageLayout, Planes};
 pub use metadata::{FORMAT_VERSION, Levels, NetworkOutput, Training, WeightsMetadata};

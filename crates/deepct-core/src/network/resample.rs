@@ -16,9 +16,20 @@ pub(super) struct PlaneResampler {
     /// Voxel size along y and x (km).
     spacing: [f64; 2],
     scale: f32,
+    /// Number of planes, if the minimum and the maximum over the views are further channels.
+    extremes: Option<usize>,
     /// Number of voxels by which the resampled image of a view (its ground) extends beyond the
     /// field on each side, along y and x: the largest parallax of any plane in any view.
     margin: [usize; 2],
+}
+
+/// The voxels that are computed, relative to the target.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Field {
+    /// Number of rows and columns of voxels.
+    pub(super) size: [usize; 2],
+    /// Position of their centre with respect to the target, along y and x (km).
+    pub(super) center: [f64; 2],
 }
 
 /// One view: the projection from the plane of the target to its image, and the offsets of its
@@ -96,16 +107,17 @@ impl PlaneResampler {
             views: views.collect(),
             spacing: [dy, dx],
             scale: metadata.input_scale as f32,
+            extremes: planes.extremes.then_some(altitudes.len()),
             margin: margin.map(|voxels| voxels as usize),
         })
     }
 
-    /// Rows and columns of the ground of an image of `[rows, cols]`.
+    /// Rows and columns of the ground of a field of `[rows, cols]`.
     fn ground_size(&self, size: [usize; 2]) -> [usize; 2] {
         [0, 1].map(|axis| size[axis] + 2 * self.margin[axis])
     }
 
-    /// Number of floats of the ground for images of the size `[image, row, col]`.
+    /// Number of floats of the ground for fields of the size `[image, row, col]`.
     ///
     /// # Errors
     /// A size that exceeds the addressable memory.
@@ -120,31 +132,48 @@ impl PlaneResampler {
         })
     }
 
-    /// Resamples `images`, `[image, view, row, col]`, onto the plane of the target. The result has
-    /// the axes `[image, view, row, col]`, includes the margins and is multiplied by the scale.
-    pub(super) fn resample(&self, images: &[f32], [rows, cols]: [usize; 2], ground: &mut [f32]) {
-        let [long, wide] = self.ground_size([rows, cols]);
+    /// Resamples `images`, `[image, view, row, col]` of `[rows, cols]` pixels, onto the plane of
+    /// the target. The result has the axes `[image, view, row, col]`, covers the field and the
+    /// margins and is multiplied by the scale.
+    pub(super) fn resample(
+        &self,
+        images: &[f32],
+        [rows, cols]: [usize; 2],
+        field: Field,
+        ground: &mut [f32],
+    ) {
+        let [long, wide] = self.ground_size(field.size);
         let fewest = PIXELS_PER_TASK.div_ceil(wide);
         ground.par_chunks_exact_mut(wide).enumerate().with_min_len(fewest).for_each(
             |(index, line)| {
                 let (image, row) = (index / long, index % long);
                 let view = &self.views[image % self.views.len()];
                 // In most views, the parallax of all planes is smaller than the margin.
-                if view.sees(row, rows) {
+                if view.sees(row, field.size[0]) {
                     let image = Raster { values: &images[image * rows * cols..], rows, cols };
-                    self.lay_row(&view.camera, image, row, line);
+                    self.lay_row(&view.camera, image, field, row, line);
                 }
             },
         );
     }
 
-    fn lay_row(&self, camera: &Camera, image: Raster<'_>, row: usize, line: &mut [f32]) {
-        let [dy, dx] = self.spacing;
+    fn lay_row(
+        &self,
+        camera: &Camera,
+        image: Raster<'_>,
+        field: Field,
+        row: usize,
+        line: &mut [f32],
+    ) {
         let middle = |lines: usize| 0.5 * lines as f64;
-        let y = dy * (row as f64 + 0.5 - self.margin[0] as f64 - middle(image.rows));
-        let first = 0.5 - self.margin[1] as f64 - middle(image.cols);
+        // The position of the voxel of number `at` of the ground along an axis (km).
+        let place = |axis: usize, at: usize| {
+            let voxels = at as f64 + 0.5 - self.margin[axis] as f64 - middle(field.size[axis]);
+            field.center[axis] + self.spacing[axis] * voxels
+        };
+        let y = place(0, row);
         for (col, pixel) in line.iter_mut().enumerate() {
-            let [row, col] = camera.project(dx * (col as f64 + first), y);
+            let [row, col] = camera.project(place(1, col), y);
             *pixel = self.scale
                 * image.at(row + middle(image.rows) - 0.5, col + middle(image.cols) - 0.5);
         }
@@ -219,6 +248,17 @@ impl Source for PlaneSource<'_> {
                 pixels.zip(line).for_each(|(pixel, value)| *pixel = *value);
             }
         }
+        if let Some(planes) = self.resampler.extremes {
+            let (images, columns) = (planes * views.len(), wanted.columns.len());
+            for pixel in pixels.chunks_mut(wanted.pitch).take(columns) {
+                let (images, extremes) = pixel.split_at_mut(images);
+                for (plane, values) in images.chunks_exact(views.len()).enumerate() {
+                    extremes[plane] = values.iter().copied().fold(f32::INFINITY, f32::min);
+                    extremes[planes + plane] =
+                        values.iter().copied().fold(f32::NEG_INFINITY, f32::max);
+                }
+            }
+        }
     }
 }
 
@@ -250,7 +290,8 @@ mod tests {
         let channels = [views.len() * ALTITUDES_KM.len(), 5, 4];
         let mut metadata = fixture::metadata(&channels[..]);
         metadata.view_geometry = view_geometry(&Sun::default(), &views);
-        metadata.image_layout = ImageLayout::Planes(Planes { altitudes_km: ALTITUDES_KM.into() });
+        metadata.image_layout =
+            ImageLayout::Planes(Planes { altitudes_km: ALTITUDES_KM.into(), extremes: false });
         metadata.horizontal_spacing_km = [0.04, 0.05];
         metadata.check().unwrap();
         metadata
@@ -260,7 +301,7 @@ mod tests {
     fn lifted(metadata: &WeightsMetadata, images: &[f32], size: [usize; 2]) -> Vec<f32> {
         let resampler = PlaneResampler::new(metadata).unwrap();
         let mut ground = vec![f32::NAN; resampler.ground_len([1, size[0], size[1]]).unwrap()];
-        resampler.resample(images, size, &mut ground);
+        resampler.resample(images, size, Field { size, center: [0.0, 0.0] }, &mut ground);
         let source = resampler.source(&ground, size);
         let channels = metadata.input_channels();
         let mut values = vec![f32::NAN; channels * size[0] * size[1]];

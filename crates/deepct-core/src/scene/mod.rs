@@ -174,13 +174,21 @@ impl Observation {
     /// # Errors
     /// Returns an error if the views do not share one target.
     pub fn imaging_geometry(&self) -> Result<ImagingGeometry> {
-        Ok(ImagingGeometry {
-            views: self.geometry(),
-            target_km: target(&self.views)?.to_array(),
-            wavelength_um: self.light.wavelength,
-            solar_irradiance: self.light.sun.irradiance,
-        })
+        imaging_geometry(&self.light, &self.views)
     }
+}
+
+/// The solar and viewing geometry, target (km) and wavelength (um) as plain numbers.
+///
+/// # Errors
+/// Returns an error if the views do not share one target.
+pub fn imaging_geometry(light: &Light, views: &[View]) -> Result<ImagingGeometry> {
+    Ok(ImagingGeometry {
+        views: view_geometry(&light.sun, views),
+        target_km: target(views)?.to_array(),
+        wavelength_um: light.wavelength,
+        solar_irradiance: light.sun.irradiance,
+    })
 }
 
 /// The solar and viewing geometry as plain numbers (degrees, km).

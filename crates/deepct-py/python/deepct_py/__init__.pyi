@@ -233,7 +233,9 @@ def carve(
 @final
 class Network:
     @staticmethod
-    def load(name_or_path: Union[str, PathLike[str]]) -> Network: ...
+    def load(
+        name_or_path: Union[str, PathLike[str]] = "general", *, force: bool = False
+    ) -> Network: ...
     @staticmethod
     def built_in() -> list[str]: ...
     @property
@@ -246,6 +248,7 @@ class Network:
         light: Optional[Light] = None,
         *,
         mask: Optional[ArrayLike] = None,
+        grid: Optional[Grid] = None,
     ) -> NDArray[np.float32]: ...
     def estimate(
         self,
@@ -254,6 +257,7 @@ class Network:
         light: Optional[Light] = None,
         *,
         mask: Optional[ArrayLike] = None,
+        grid: Optional[Grid] = None,
     ) -> tuple[NDArray[np.float32], Optional[NDArray[np.float32]]]: ...
 
 @final

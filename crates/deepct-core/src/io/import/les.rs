@@ -3,9 +3,10 @@
 
 use super::axes::{Kind, Layout, Window, levels_within, pieces};
 use super::{Crop, DROPLETS_PER_CM3, ImportSettings, edges_of, grid_over};
-use crate::cloud::resample::{resample, resample_droplets, uniform_edges};
+use crate::cloud::resample::resample_droplets;
 use crate::cloud::{self, Cloud, EFFECTIVE_VARIANCE, Microphysics, Spectrum, doubling_radii};
 use crate::error::{Error, Result};
+use crate::grid::resample::{resample, uniform_edges};
 use crate::io::netcdf::{Input, Variable, edge_and_spacing, kilometres};
 use crate::io::plausible::Checks;
 use crate::io::units::Unit;

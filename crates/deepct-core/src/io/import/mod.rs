@@ -1,6 +1,6 @@
 //! Import of clouds: large-eddy simulations in netCDF-4, and the text formats of pySHDOM and AT3D.
 //!
-//! Fields of all formats are resampled to the requested grid by [`crate::cloud::resample`]:
+//! Fields of all formats are resampled to the requested grid by [`crate::grid::resample`]:
 //! conservatively to coarser cells, linearly to finer ones.
 
 mod axes;
@@ -10,9 +10,10 @@ mod text;
 pub use les::read_les;
 pub use text::read_text;
 
-use crate::cloud::{Cloud, resample};
+use crate::cloud::Cloud;
 use crate::error::{Error, Result};
 use crate::grid::Grid;
+use crate::grid::resample;
 use crate::math::DVec3;
 use std::collections::BTreeMap;
 use std::io::Read;

@@ -9,10 +9,11 @@
 //! water.
 
 use super::{Crop, ImportSettings, edges_of, grid_over};
-use crate::cloud::resample::{resample_droplets, uniform_edges};
+use crate::cloud::resample::resample_droplets;
 use crate::cloud::{Cloud, EFFECTIVE_VARIANCE, Microphysics};
 use crate::error::{Error, Result};
 use crate::grid::MAX_VOXELS;
+use crate::grid::resample::uniform_edges;
 use crate::io::plausible::Checks;
 use ndarray::{Array3, Axis};
 use std::collections::BTreeMap;

@@ -1,0 +1,38 @@
+//! Options of the verbs that use a network.
+
+use deepct_core::grid::Grid;
+use deepct_core::io::{GENERAL_WEIGHTS, load_trained_weights, read_grid};
+use deepct_core::network::Estimator;
+use deepct_core::{Result, conv};
+use std::path::PathBuf;
+
+/// The weights of the network, and the grid of its estimate.
+#[derive(Debug, clap::Args)]
+pub(crate) struct NetworkFlags {
+    /// Network weights: a file, or the name of built-in weights: general (any formation and any
+    /// Sun), cloudct-10 or pearls-32 (one formation and one Sun)
+    #[arg(long, value_name = "FILE|NAME", default_value = GENERAL_WEIGHTS)]
+    pub(crate) weights: PathBuf,
+    /// Grid of the estimate: the file of a cloud or volume, or a TOML file (see `deepct formats`).
+    /// By default one column of voxels for each pixel; the general weights then have 32 levels,
+    /// centred on the target, and voxels as wide as the smallest pixel
+    #[arg(long, value_name = "C.nc|GRID.toml")]
+    pub(crate) grid: Option<PathBuf>,
+    /// Also use the general weights for a formation, Sun, pixel or voxel size outside the range of
+    /// their training
+    #[arg(long)]
+    force: bool,
+}
+
+impl NetworkFlags {
+    /// The estimator with these weights.
+    pub(crate) fn estimator(&self, settings: conv::Settings) -> Result<Estimator> {
+        let estimator = Estimator::with_settings(load_trained_weights(&self.weights)?, settings);
+        Ok(if self.force { estimator.outside_training() } else { estimator })
+    }
+
+    /// The requested grid.
+    pub(crate) fn grid(&self) -> Result<Option<Grid>> {
+        self.grid.as_deref().map(read_grid).transpose()
+    }
+}

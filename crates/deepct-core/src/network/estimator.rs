@@ -1,0 +1,262 @@
+//! An estimator: trained weights of either kind, ready for images of any geometry they support.
+
+use super::{Estimate, GeneralWeights, Network, Training, Weights};
+use crate::conv::Settings;
+use crate::error::{Error, Result};
+use crate::grid::resample::{resample, uniform_edges};
+use crate::grid::{Grid, Volume};
+use crate::image::{ImagingGeometry, ViewStack};
+use crate::math::DVec3;
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// Images with pixels smaller than this share of a voxel are averaged over the area of a voxel;
+/// bilinear interpolation alone would leave most of their pixels unused.
+const FINE_PIXEL: f64 = 0.67;
+
+/// Number of significant digits of the voxel size derived from a pixel size.
+const DIGITS: f64 = 1e6;
+
+/// Trained weights of either kind.
+#[derive(Debug, Clone, PartialEq)]
+pub enum TrainedWeights {
+    /// Weights for one formation and one Sun.
+    Formation(Weights),
+    /// Weights for any formation and any Sun.
+    General(GeneralWeights),
+}
+
+impl TrainedWeights {
+    /// The training data.
+    pub fn training(&self) -> &Training {
+        match self {
+            Self::Formation(weights) => &weights.metadata.training,
+            Self::General(weights) => &weights.metadata.training,
+        }
+    }
+
+    /// The formation that the images must have; `None` for general weights.
+    pub fn formation(&self) -> Option<&str> {
+        match self {
+            Self::Formation(weights) => Some(&weights.metadata.formation),
+            Self::General(_) => None,
+        }
+    }
+}
+
+/// Estimates the extinction of clouds from images by trained weights of either kind. General
+/// weights are folded for the geometry of the images; the folded network is kept for the next
+/// images of the same geometry.
+#[derive(Debug)]
+pub struct Estimator {
+    weights: TrainedWeights,
+    settings: Settings,
+    outside_training: bool,
+    /// The network used last, with the geometry and the grid that it was folded for.
+    latest: Mutex<Option<Folded>>,
+}
+
+/// A network folded for a geometry; the horizontal position of the target does not matter.
+#[derive(Debug, Clone)]
+struct Folded {
+    geometry: ImagingGeometry,
+    levels: [f64; 3],
+    network: Arc<Network>,
+}
+
+impl Estimator {
+    /// Creates an estimator with the default settings for this processor.
+    pub fn new(weights: TrainedWeights) -> Self {
+        Self::with_settings(weights, Settings::default())
+    }
+
+    /// Creates an estimator with other settings of the convolution.
+    pub fn with_settings(weights: TrainedWeights, settings: Settings) -> Self {
+        Self { weights, settings, outside_training: false, latest: Mutex::new(None) }
+    }
+
+    /// Also accepts geometries for which general weights were not trained.
+    pub fn outside_training(self) -> Self {
+        Self { outside_training: true, ..self }
+    }
+
+    /// The weights.
+    pub fn weights(&self) -> &TrainedWeights {
+        &self.weights
+    }
+
+    /// The grid on which [`Estimator::estimate`] estimates the cloud in images of `[rows, cols]`
+    /// pixels if no other grid is requested. It has one column of voxels for each pixel, centred
+    /// on the target. For general weights, the horizontal voxel size is that of the smallest pixel
+    /// at the target, and the levels are centred on the target, but do not extend below an altitude
+    /// of 0.
+    ///
+    /// # Errors
+    /// As [`Network::grid`].
+    pub fn grid(&self, geometry: &ImagingGeometry, [rows, cols]: [usize; 2]) -> Result<Grid> {
+        let target = DVec3::from(geometry.target_km);
+        match &self.weights {
+            TrainedWeights::Formation(weights) => {
+                weights.metadata.grid([target.x, target.y], [rows, cols])
+            }
+            TrainedWeights::General(weights) => {
+                let pixels = &geometry.views.pixel_km;
+                let smallest = pixels.iter().copied().fold(f64::INFINITY, f64::min);
+                if !(smallest.is_finite() && smallest > 0.0) {
+                    let range = "positive and finite (km)";
+                    return Err(Error::out_of_range("pixel size at the target", smallest, range));
+                }
+                let unit = 10_f64.powf(smallest.log10().floor()) / DIGITS;
+                let voxel_km = (smallest / unit).round() * unit;
+                let mut grid = weights.grid(voxel_km, target, [rows, cols])?;
+                if target.z >= 0.0 {
+                    grid.origin.z = grid.origin.z.max(0.0);
+                }
+                Ok(grid)
+            }
+        }
+    }
+
+    /// Estimates the extinction (1/km) of the cloud in `images` (radiance, in the unit of the solar
+    /// irradiance over sr) with the imaging geometry `geometry`, on `grid` or on that of
+    /// [`Estimator::grid`].
+    ///
+    /// General weights accept any regular grid. They estimate on voxels as wide as those of the
+    /// grid, or wider if the grid is higher than their levels, and the result is resampled onto the
+    /// grid. Weights of one formation accept grids with their own voxels and levels.
+    ///
+    /// # Errors
+    /// A geometry that the weights do not support, with the number at fault; a number of images
+    /// that differs from the number of views; a grid that the weights do not support.
+    pub fn estimate(
+        &self,
+        images: &ViewStack,
+        geometry: &ImagingGeometry,
+        grid: Option<&Grid>,
+    ) -> Result<Estimate> {
+        let [views, rows, cols] = images.shape();
+        let expected = geometry.views.view_zenith_deg.len();
+        if views != expected {
+            let remedy = "give one image for each view";
+            return Err(Error::mismatch("number of views", expected, views, remedy));
+        }
+        let own = self.grid(geometry, [rows, cols])?;
+        let grid = grid.unwrap_or(&own);
+        let inner = match &self.weights {
+            TrainedWeights::Formation(_) => *grid,
+            TrainedWeights::General(weights) => inner_grid(weights, grid)?,
+        };
+        let network = self.network(geometry, &inner)?;
+        let averaged = match &self.weights {
+            TrainedWeights::Formation(_) => None,
+            TrainedWeights::General(_) => average_fine_pixels(images, geometry, inner.spacing.x),
+        };
+        let images = averaged.as_ref().unwrap_or(images);
+        let mut estimate = network.estimate_on(&inner, images, geometry)?;
+        if let TrainedWeights::General(weights) = &self.weights {
+            estimate.calibrate(&weights.metadata.calibration);
+        }
+        if inner.matches(grid) {
+            return Ok(estimate);
+        }
+        let moved = |volume: &Volume| {
+            let edges = [0, 1, 2].map(|axis| {
+                let (lower, spacing) = (inner.origin[2 - axis], inner.spacing[2 - axis]);
+                uniform_edges(lower, spacing, inner.shape[axis])
+            });
+            let values = resample(&volume.values, [&edges[0], &edges[1], &edges[2]], grid)?;
+            Volume::new(*grid, values)
+        };
+        let uncertainty = estimate.uncertainty.as_ref().map(moved).transpose()?;
+        Ok(Estimate { extinction: moved(&estimate.extinction)?, uncertainty })
+    }
+
+    /// The network for a geometry and a grid of its own voxels and levels.
+    ///
+    /// # Errors
+    /// As [`GeneralWeights::fold`].
+    pub fn network(&self, geometry: &ImagingGeometry, grid: &Grid) -> Result<Arc<Network>> {
+        let levels = [grid.spacing.x, grid.spacing.z, grid.origin.z];
+        // Neither the irradiance nor the horizontal position of the target changes the network.
+        let mut geometry = geometry.clone();
+        (geometry.solar_irradiance, geometry.target_km) = (1.0, [0.0, 0.0, geometry.target_km[2]]);
+        let mut latest = self.latest.lock().unwrap_or_else(PoisonError::into_inner);
+        let network = match (&self.weights, &*latest) {
+            (TrainedWeights::Formation(_), Some(folded)) => return Ok(folded.network.clone()),
+            (TrainedWeights::General(_), Some(folded))
+                if folded.geometry == geometry && folded.levels == levels =>
+            {
+                return Ok(folded.network.clone());
+            }
+            (TrainedWeights::Formation(weights), None) => {
+                Network::with_settings(weights, self.settings)?
+            }
+            (TrainedWeights::General(weights), _) => {
+                let weights = weights.fold(&geometry, grid, self.outside_training)?;
+                Network::with_settings(&weights, self.settings)?
+            }
+        };
+        let network = Arc::new(network);
+        *latest = Some(Folded { geometry, levels, network: network.clone() });
+        Ok(network)
+    }
+}
+
+/// The grid on which general weights estimate the field of a grid: with its own levels, and with
+/// voxels so large that it covers the grid.
+fn inner_grid(weights: &GeneralWeights, grid: &Grid) -> Result<Grid> {
+    let levels = weights.metadata.levels;
+    let (spacing, extent) = (grid.spacing, grid.extent());
+    let highest = extent.z / (levels.count as f64 * levels.height);
+    let wide = spacing.x.max(spacing.y);
+    // The extent of a grid read from a file has rounding errors.
+    let voxel_km = if highest > wide * (1.0 + 1e-4) { highest } else { wide };
+    let [rows, cols] = [extent.y, extent.x].map(|length| (length / voxel_km - 1e-4).ceil());
+    let mut inner = weights.grid(voxel_km, grid.center(), [rows as usize, cols as usize])?;
+    // A grid with few levels lies at the bottom of those of the network rather than below ground.
+    let above_ground = grid.origin.z >= 0.0;
+    if above_ground && inner.origin.z < 0.0 {
+        inner.origin.z = 0.0;
+    }
+    Ok(inner)
+}
+
+/// The images with each pixel replaced by the mean over the area of a voxel around it, for views
+/// with much smaller pixels; `None` if there is no such view.
+fn average_fine_pixels(
+    images: &ViewStack,
+    geometry: &ImagingGeometry,
+    voxel_km: f64,
+) -> Option<ViewStack> {
+    let widths: Vec<f64> = geometry.views.pixel_km.iter().map(|pixel| voxel_km / pixel).collect();
+    if widths.iter().all(|width| *width <= 1.0 / FINE_PIXEL) {
+        return None;
+    }
+    let mut images = images.clone();
+    for (mut image, &width) in images.values.outer_iter_mut().zip(&widths) {
+        if width <= 1.0 / FINE_PIXEL {
+            continue;
+        }
+        for axis in 0..2 {
+            for mut line in image.lanes_mut(ndarray::Axis(axis)) {
+                let averaged = moving_average(&line.to_vec(), width);
+                line.iter_mut().zip(averaged).for_each(|(pixel, value)| *pixel = value);
+            }
+        }
+    }
+    Some(images)
+}
+
+/// The mean of the values within half of `width` of each one; the values at the ends continue.
+fn moving_average(values: &[f32], width: f64) -> Vec<f32> {
+    let whole = ((width - 1.0) / 2.0).floor();
+    let part = (width - 1.0) / 2.0 - whole;
+    let (whole, last) = (whole as isize, values.len() as isize - 1);
+    let at = |index: isize| f64::from(values[index.clamp(0, last) as usize]);
+    (0..=last)
+        .map(|index| {
+            let inner: f64 = (-whole..=whole).map(|offset| at(index + offset)).sum();
+            let outer = at(index - whole - 1) + at(index + whole + 1);
+            ((inner + part * outer) / width) as f32
+        })
+        .collect()
+}

@@ -1,0 +1,223 @@
+//! The built-in general network: what its estimate must not depend on, and what it refuses.
+
+use deepct_core::grid::{Grid, Volume};
+use deepct_core::image::{ImagingGeometry, ViewGeometry, ViewStack};
+use deepct_core::io::{GENERAL_WEIGHTS, load_trained_weights};
+use deepct_core::math::DVec3;
+use deepct_core::network::{Estimator, TrainedWeights};
+use ndarray::{Array3, Axis};
+
+const SIZE: [usize; 2] = [20, 24];
+
+fn general() -> Estimator {
+    Estimator::new(load_trained_weights(GENERAL_WEIGHTS).unwrap())
+}
+
+/// Six views around the target, 50 m pixels at a distance of 600 km.
+fn geometry() -> ImagingGeometry {
+    let views = ViewGeometry {
+        sun_zenith_deg: 40.0,
+        sun_azimuth_deg: 130.0,
+        view_zenith_deg: vec![0.0, 20.0, 35.0, 41.0, 53.0, 60.0],
+        view_azimuth_deg: vec![0.0, 10.0, 140.0, 260.0, 75.0, 320.0],
+        pixel_km: vec![0.05, 0.052, 0.057, 0.06, 0.066, 0.07],
+        camera_distance_km: vec![Some(600.0); 6],
+    };
+    let target_km = [3.0, -2.0, 1.12];
+    ImagingGeometry { views, target_km, wavelength_um: 0.672, solar_irradiance: 1.0 }
+}
+
+/// Images of a bright spot on a dark surface, which is not quite in the middle.
+fn images(views: usize) -> ViewStack {
+    let [rows, cols] = SIZE;
+    let values = Array3::from_shape_fn((views, rows, cols), |(view, row, col)| {
+        let (y, x) = (row as f32 - 10.5, col as f32 - 12.0 - 0.3 * view as f32);
+        0.02 + 0.2 * (-(x * x + y * y) / 12.0).exp()
+    });
+    ViewStack::new(values).unwrap()
+}
+
+fn estimate(geometry: &ImagingGeometry, images: &ViewStack, grid: Option<&Grid>) -> Volume {
+    general().estimate(images, geometry, grid).unwrap().extinction
+}
+
+/// The largest difference divided by the largest value.
+fn difference(one: &Array3<f32>, other: &Array3<f32>) -> f32 {
+    assert_eq!(one.shape(), other.shape());
+    let largest = one.iter().fold(0.0_f32, |most, value| most.max(*value));
+    assert!(largest > 1.0, "the estimate is empty: {largest}");
+    one.iter().zip(other).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max) / largest
+}
+
+#[test]
+fn the_order_of_the_views_does_not_matter() {
+    let (straight, images) = (geometry(), images(6));
+    let order = [3, 0, 5, 1, 4, 2];
+    let mut turned = straight.clone();
+    let pick = |values: &[f64]| order.iter().map(|&view| values[view]).collect::<Vec<_>>();
+    turned.views.view_zenith_deg = pick(&straight.views.view_zenith_deg);
+    turned.views.view_azimuth_deg = pick(&straight.views.view_azimuth_deg);
+    turned.views.pixel_km = pick(&straight.views.pixel_km);
+    let moved = ViewStack::new(images.values.select(Axis(0), &order)).unwrap();
+    let (one, other) = (estimate(&straight, &images, None), estimate(&turned, &moved, None));
+    assert_eq!(one.grid, other.grid);
+    let error = difference(&one.values, &other.values);
+    assert!(error < 1e-5, "{error:e}");
+}
+
+/// If all lengths are doubled, the same images belong to half the extinction.
+#[test]
+fn lengths_and_extinctions_scale_inversely() {
+    let (small, images) = (geometry(), images(6));
+    let mut large = small.clone();
+    large.target_km = small.target_km.map(|length| 2.0 * length);
+    large.views.pixel_km.iter_mut().for_each(|pixel| *pixel *= 2.0);
+    large.views.camera_distance_km = vec![Some(1200.0); 6];
+    let (one, other) = (estimate(&small, &images, None), estimate(&large, &images, None));
+    assert!((other.grid.spacing - 2.0 * one.grid.spacing).length() < 1e-9);
+    assert!((other.grid.origin - 2.0 * one.grid.origin).length() < 1e-9);
+    let error = difference(&one.values, &(2.0 * &other.values));
+    assert!(error < 1e-5, "{error:e}");
+}
+
+#[test]
+fn a_solar_irradiance_in_other_units_changes_nothing() {
+    let (unit, bright) = (geometry(), ImagingGeometry { solar_irradiance: 4.0, ..geometry() });
+    let images = images(6);
+    let scaled = ViewStack::new(4.0 * &images.values).unwrap();
+    let (one, other) = (estimate(&unit, &images, None), estimate(&bright, &scaled, None));
+    assert_eq!(one, other);
+}
+
+/// The default grid has one column for each pixel and is centred on the target; a part of it at
+/// another place holds the same values.
+#[test]
+fn a_grid_elsewhere_holds_the_same_field() {
+    let (geometry, images) = (geometry(), images(6));
+    let whole = estimate(&geometry, &images, None);
+    assert_eq!(whole.grid.shape, [32, SIZE[0], SIZE[1]]);
+    let [x, y, z] = geometry.target_km;
+    assert!((whole.grid.center() - DVec3::new(x, y, z)).length() < 1e-9);
+    assert!((whole.grid.spacing - DVec3::new(0.05, 0.05, 0.04)).length() < 1e-9);
+    // Two columns more to the west and one row less to the south.
+    let shifted = Grid {
+        origin: whole.grid.origin + DVec3::new(-0.1, 0.05, 0.0),
+        shape: [32, SIZE[0] - 1, SIZE[1] + 2],
+        ..whole.grid
+    };
+    let moved = estimate(&geometry, &images, Some(&shifted));
+    // Away from the edges, where the convolutions are padded with zeros.
+    for ((k, j, i), value) in whole.values.indexed_iter() {
+        if (8..SIZE[0] - 8).contains(&j) && (8..SIZE[1] - 8).contains(&i) {
+            let other = moved.values[[k, j - 1, i + 2]];
+            assert!((value - other).abs() < 1e-4, "{value} {other} at {k} {j} {i}");
+        }
+    }
+}
+
+/// On other voxels and levels, columns keep their optical depth.
+#[test]
+fn other_levels_keep_the_optical_depth() {
+    let (geometry, images) = (geometry(), images(6));
+    let whole = estimate(&geometry, &images, None);
+    let depth = |volume: &Volume| {
+        let sum: f64 = volume.values.iter().map(|value| f64::from(*value)).sum();
+        let Grid { spacing, .. } = volume.grid;
+        sum * spacing.x * spacing.y * spacing.z
+    };
+    let coarse =
+        Grid { spacing: DVec3::new(0.05, 0.05, 0.16), shape: [8, SIZE[0], SIZE[1]], ..whole.grid };
+    let volume = estimate(&geometry, &images, Some(&coarse));
+    assert!((depth(&volume) / depth(&whole) - 1.0).abs() < 1e-4);
+    // A grid higher than 32 levels is estimated on wider voxels.
+    let high = Grid {
+        origin: DVec3::new(whole.grid.origin.x, whole.grid.origin.y, 0.0),
+        shape: [60, SIZE[0], SIZE[1]],
+        ..whole.grid
+    };
+    let volume = estimate(&geometry, &images, Some(&high));
+    assert_eq!(volume.grid, high);
+    let ratio = depth(&volume) / depth(&whole);
+    assert!((0.4..2.5).contains(&ratio), "{ratio}");
+}
+
+/// Images with pixels of a third of a voxel are averaged over the voxels.
+#[test]
+fn fine_pixels_are_averaged() {
+    let mut geometry = geometry();
+    geometry.views.pixel_km = vec![0.05 / 3.0; 6];
+    let values = Array3::from_shape_fn((6, 3 * SIZE[0], 3 * SIZE[1]), |(view, row, col)| {
+        let coarse = images(6).values[[view, row / 3, col / 3]];
+        // A pattern whose mean over three pixels is 1.
+        coarse * [0.5, 1.75, 0.75][col % 3]
+    });
+    let fine = ViewStack::new(values).unwrap();
+    let grid = estimate(&self::geometry(), &images(6), None).grid;
+    let smooth = estimate(&geometry, &fine, Some(&grid));
+    let mut plain = fine.clone();
+    for ((view, row, col), value) in plain.values.indexed_iter_mut() {
+        *value = images(6).values[[view, row / 3, col / 3]];
+    }
+    let expected = estimate(&geometry, &plain, Some(&grid));
+    let error = difference(&expected.values, &smooth.values);
+    // The pattern does not vanish exactly where the mean covers parts of two blocks.
+    assert!(error < 0.04, "{error}");
+}
+
+#[test]
+fn the_folded_network_is_kept_for_the_same_geometry() {
+    let (estimator, geometry) = (general(), geometry());
+    let grid = estimator.grid(&geometry, SIZE).unwrap();
+    let first = estimator.network(&geometry, &grid).unwrap();
+    let elsewhere = ImagingGeometry { target_km: [9.0, 9.0, 1.12], ..geometry.clone() };
+    assert!(std::sync::Arc::ptr_eq(&first, &estimator.network(&elsewhere, &grid).unwrap()));
+    let mut other = geometry;
+    other.views.sun_zenith_deg = 41.0;
+    assert!(!std::sync::Arc::ptr_eq(&first, &estimator.network(&other, &grid).unwrap()));
+}
+
+#[test]
+fn a_geometry_outside_the_training_is_refused_with_number_and_range() {
+    let changes: [(fn(&mut ImagingGeometry), &str); 6] = [
+        (|g| g.views.sun_zenith_deg = 80.0, "solar zenith angle is 80.00, but must be 0 to 70"),
+        (|g| g.views.view_zenith_deg[3] = 79.0, "view zenith angle is 79.00 (view 3)"),
+        (|g| g.views.pixel_km[5] = 0.2, "pixel size at the target over that of a voxel is 4.000"),
+        (|g| g.wavelength_um = 0.865, "wavelength is 0.865, but must be 0.63 to 0.71 um"),
+        (|g| g.views.pixel_km = vec![0.2; 6], "horizontal voxel size is 0.2000"),
+        (|g| g.views.view_zenith_deg[0] = 90.0, "view zenith angle is 90"),
+    ];
+    for (change, message) in changes {
+        let mut wrong = geometry();
+        change(&mut wrong);
+        let error = general().estimate(&images(6), &wrong, None).unwrap_err().to_string();
+        assert!(error.contains(message), "{error}");
+    }
+    let mut low_sun = geometry();
+    low_sun.views.sun_zenith_deg = 80.0;
+    general().outside_training().estimate(&images(6), &low_sun, None).unwrap();
+    let error = general().estimate(&images(5), &geometry(), None).unwrap_err().to_string();
+    assert!(error.contains("number of views: expected 6, found 5"), "{error}");
+}
+
+/// Weights for one formation accept grids with their own voxels and levels only.
+#[test]
+fn weights_of_one_formation_keep_their_voxels() {
+    let weights = load_trained_weights("cloudct-10").unwrap();
+    let TrainedWeights::Formation(formation) = &weights else { panic!("one formation") };
+    let geometry = ImagingGeometry {
+        views: formation.metadata.view_geometry.clone(),
+        target_km: [0.0, 0.0, formation.metadata.target_altitude_km],
+        wavelength_um: 0.672,
+        solar_irradiance: 1.0,
+    };
+    let estimator = Estimator::new(weights);
+    let whole = estimator.estimate(&images(10), &geometry, None).unwrap().extinction;
+    let part = Grid { shape: [32, 8, 8], ..whole.grid };
+    assert_eq!(
+        estimator.estimate(&images(10), &geometry, Some(&part)).unwrap().extinction.grid,
+        part
+    );
+    let finer = Grid { spacing: 0.5 * whole.grid.spacing, ..whole.grid };
+    let error = estimator.estimate(&images(10), &geometry, Some(&finer)).unwrap_err().to_string();
+    assert!(error.contains("grid of the estimate"), "{error}");
+}
