@@ -3,6 +3,7 @@
 use deepct_core::grid::Grid;
 use deepct_core::io::{GENERAL_WEIGHTS, load_trained_weights, read_grid};
 use deepct_core::network::Estimator;
+use deepct_core::scene::Observation;
 use deepct_core::{Result, conv};
 use std::path::PathBuf;
 
@@ -29,6 +30,23 @@ impl NetworkFlags {
     pub(crate) fn estimator(&self, settings: conv::Settings) -> Result<Estimator> {
         let estimator = Estimator::with_settings(load_trained_weights(&self.weights)?, settings);
         Ok(if self.force { estimator.outside_training() } else { estimator })
+    }
+
+    /// Warns of images that do not look like those of the training.
+    pub(crate) fn warn_of_unusual_images(
+        &self,
+        estimator: &Estimator,
+        observation: &Observation,
+        grid: Option<&Grid>,
+    ) -> Result<()> {
+        let geometry = observation.imaging_geometry()?;
+        for unusual in estimator.unusual(&observation.images, &geometry, grid)? {
+            eprintln!(
+                "deepct: warning: the network was not trained on such images: {unusual}; the \
+                 estimate may be wrong"
+            );
+        }
+        Ok(())
     }
 
     /// The requested grid.

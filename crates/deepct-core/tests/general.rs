@@ -178,7 +178,8 @@ fn the_folded_network_is_kept_for_the_same_geometry() {
 
 #[test]
 fn a_geometry_outside_the_training_is_refused_with_number_and_range() {
-    let changes: [(fn(&mut ImagingGeometry), &str); 6] = [
+    type Change = fn(&mut ImagingGeometry);
+    let changes: [(Change, &str); 6] = [
         (|g| g.views.sun_zenith_deg = 80.0, "solar zenith angle is 80.00, but must be 0 to 70"),
         (|g| g.views.view_zenith_deg[3] = 79.0, "view zenith angle is 79.00 (view 3)"),
         (|g| g.views.pixel_km[5] = 0.2, "pixel size at the target over that of a voxel is 4.000"),

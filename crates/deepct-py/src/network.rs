@@ -11,8 +11,11 @@ use deepct_core::network::{Estimator, TrainedWeights};
 use deepct_core::scene::{self, Observation, View, imaging_geometry};
 use deepct_core::{Result, io};
 use numpy::PyArray3;
+use pyo3::exceptions::PyUserWarning;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
+use std::collections::BTreeMap;
+use std::ffi::CString;
 use std::path::PathBuf;
 
 /// Values of a volume, `[z, y, x]`.
@@ -113,6 +116,37 @@ impl Network {
         Ok(estimate.0)
     }
 
+    /// Statistics of images, for general weights. `estimate` and `infer` warn if one of them is
+    /// outside its range in the training. The parameters are those of `infer`.
+    ///
+    /// Returns
+    /// -------
+    /// dict of str to float
+    ///     "background" and "brightest": the radiance below which a tenth of all pixels lies and
+    ///     the largest radiance, over the cosine of the solar zenith angle (1/sr). "equal": the
+    ///     largest share of the pixels of a view that have the largest radiance of the view.
+    ///     "agreement": the mean correlation of each image with the mean of the others, on the
+    ///     horizontal plane where it is largest.
+    #[pyo3(signature = (radiance, views, light = None, *, grid = None))]
+    fn image_statistics(
+        &self,
+        py: Python<'_>,
+        radiance: &Bound<'_, PyAny>,
+        views: ViewSequence,
+        light: Option<Light>,
+        grid: Option<Grid>,
+    ) -> PyResult<BTreeMap<String, f64>> {
+        let radiance = Floats::new(radiance, "radiance", IMAGES)?.to_owned();
+        let light = or_default(light);
+        let statistics = py.detach(|| {
+            let observation = Observation::new(light, views.0, ViewStack::new(radiance)?)?;
+            let geometry = observation.imaging_geometry()?;
+            let grid = grid.as_ref().map(|grid| &grid.0);
+            self.0.image_statistics(&observation.images, &geometry, grid)
+        });
+        statistics.map_err(raise)
+    }
+
     /// Estimate the extinction and its uncertainty. The parameters are those of `infer`.
     ///
     /// Returns
@@ -135,7 +169,7 @@ impl Network {
         let radiance = Floats::new(radiance, "radiance", IMAGES)?.to_owned();
         let mask = mask.map(|mask| booleans(mask, "mask", VOLUME)).transpose()?;
         let light = or_default(light);
-        let estimate = py
+        let (estimate, unusual) = py
             .detach(|| {
                 let observation = Observation::new(light, views.0, ViewStack::new(radiance)?)?;
                 let geometry = observation.imaging_geometry()?;
@@ -146,9 +180,15 @@ impl Network {
                     mask.apply(&mut estimate.extinction)?;
                     estimate.uncertainty.as_mut().map_or(Ok(()), |values| mask.apply(values))?;
                 }
-                Ok(estimate)
+                let unusual = self.0.unusual(&observation.images, &geometry, grid)?;
+                Ok((estimate, unusual))
             })
             .map_err(raise)?;
+        for unusual in unusual {
+            let text = format!("the network was not trained on such images: {unusual}");
+            let text = CString::new(text).expect("no zero byte");
+            PyErr::warn(py, &py.get_type::<PyUserWarning>(), &text, 1)?;
+        }
         let uncertainty = estimate.uncertainty.map(|volume| give(py, volume.values));
         Ok((give(py, estimate.extinction.values), uncertainty))
     }

@@ -1,12 +1,14 @@
 //! An estimator: trained weights of either kind, ready for images of any geometry they support.
 
-use super::{Estimate, GeneralWeights, Network, Training, Weights};
+use super::unusual::image_statistics;
+use super::{Estimate, GeneralWeights, Network, Training, Unusual, Weights};
 use crate::conv::Settings;
 use crate::error::{Error, Result};
 use crate::grid::resample::{resample, uniform_edges};
 use crate::grid::{Grid, Volume};
 use crate::image::{ImagingGeometry, ViewStack};
 use crate::math::DVec3;
+use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// Images with pixels smaller than this share of a voxel are averaged over the area of a voxel;
@@ -168,6 +170,57 @@ impl Estimator {
         };
         let uncertainty = estimate.uncertainty.as_ref().map(moved).transpose()?;
         Ok(Estimate { extinction: moved(&estimate.extinction)?, uncertainty })
+    }
+
+    /// The statistics of images that are outside their range in the training of general weights, for
+    /// example because the geometry is not that of the images, because they are saturated or in
+    /// another unit. Empty for weights that state no ranges.
+    ///
+    /// # Errors
+    /// As [`Estimator::estimate`].
+    pub fn unusual(
+        &self,
+        images: &ViewStack,
+        geometry: &ImagingGeometry,
+        grid: Option<&Grid>,
+    ) -> Result<Vec<Unusual>> {
+        let TrainedWeights::General(weights) = &self.weights else { return Ok(Vec::new()) };
+        let typical = &weights.metadata.typical;
+        if typical.is_empty() {
+            return Ok(Vec::new());
+        }
+        let statistics = self.image_statistics(images, geometry, grid)?;
+        let outside = typical.iter().filter_map(|(name, &[low, high])| {
+            let &value = statistics.get(name)?;
+            let unusual = Unusual { name: name.clone(), value, typical: [low, high] };
+            (!(low..=high).contains(&value)).then_some(unusual)
+        });
+        Ok(outside.collect())
+    }
+
+    /// Statistics of images by name: `background`, `brightest`, `equal` and `agreement`. The first
+    /// two are the radiance below which a tenth of all pixels lies and the largest radiance, over
+    /// the cosine of the solar zenith angle. The third is the largest share of the pixels of a view
+    /// that have the largest radiance of the view. The last is the mean correlation of each image
+    /// with the mean of the others, on the horizontal plane where it is largest.
+    ///
+    /// # Errors
+    /// As [`Estimator::estimate`]; weights for one formation.
+    pub fn image_statistics(
+        &self,
+        images: &ViewStack,
+        geometry: &ImagingGeometry,
+        grid: Option<&Grid>,
+    ) -> Result<BTreeMap<String, f64>> {
+        let TrainedWeights::General(weights) = &self.weights else {
+            let range = "general: others state no statistics of their training images";
+            return Err(Error::out_of_range("weights", "for one formation", range));
+        };
+        let [_, rows, cols] = images.shape();
+        let own = self.grid(geometry, [rows, cols])?;
+        let inner = inner_grid(weights, grid.unwrap_or(&own))?;
+        let network = self.network(geometry, &inner)?;
+        image_statistics(&network, images, geometry, &inner)
     }
 
     /// The network for a geometry and a grid of its own voxels and levels.

@@ -14,6 +14,7 @@ mod inference;
 mod layout;
 mod metadata;
 mod resample;
+mod unusual;
 mod weights;
 
 pub use architecture::{Architecture, channels, receptive_field};
@@ -26,6 +27,7 @@ pub use general::{
 pub use inference::{Network, Scratch};
 pub use layout::{ImageLayout, Planes};
 pub use metadata::{FORMAT_VERSION, Levels, NetworkOutput, Training, WeightsMetadata};
+pub use unusual::Unusual;
 pub use weights::{LayerWeights, Weights};
 
 #[cfg(test)]

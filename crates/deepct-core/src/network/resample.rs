@@ -179,6 +179,21 @@ impl PlaneResampler {
         }
     }
 
+    /// The images on all planes, `[plane, view, row, col]`, from those on the ground.
+    pub(super) fn planes(&self, ground: &[f32], size: [usize; 2]) -> Vec<f32> {
+        let [long, wide] = self.ground_size(size);
+        let planes = self.views[0].offsets.len();
+        let mut values = Vec::with_capacity(planes * self.views.len() * size[0] * size[1]);
+        for plane in 0..planes {
+            for (view, ground) in self.views.iter().zip(ground.chunks_exact(long * wide)) {
+                let [first, col] = view.offsets[plane];
+                let rows = ground.chunks_exact(wide).skip(first).take(size[0]);
+                values.extend(rows.flat_map(|row| &row[col..][..size[1]]));
+            }
+        }
+        values
+    }
+
     /// The input of the first layer from the images on the ground.
     pub(super) fn source<'a>(&'a self, ground: &'a [f32], size: [usize; 2]) -> PlaneSource<'a> {
         PlaneSource { resampler: self, ground, size: self.ground_size(size) }

@@ -250,6 +250,14 @@ class Network:
         mask: Optional[ArrayLike] = None,
         grid: Optional[Grid] = None,
     ) -> NDArray[np.float32]: ...
+    def image_statistics(
+        self,
+        radiance: ArrayLike,
+        views: Union[Views, Sequence[View]],
+        light: Optional[Light] = None,
+        *,
+        grid: Optional[Grid] = None,
+    ) -> dict[str, float]: ...
     def estimate(
         self,
         radiance: ArrayLike,
