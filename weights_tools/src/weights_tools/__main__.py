@@ -16,7 +16,8 @@ from weights_tools.check import SIZES, check, engines
 from weights_tools.dataset import load_dataset
 from weights_tools.distributed import processes
 from weights_tools.errors import InputError
-from weights_tools.export import export, read_metadata
+from weights_tools.export import export, is_onnx, read_metadata
+from weights_tools.general_file import export_general, is_general
 from weights_tools.recipe import load_recipe
 from weights_tools.training import Training
 
@@ -84,6 +85,11 @@ def _parser() -> argparse.ArgumentParser:
         default=0.0,
         metavar="SHARE",
         help="remove this share (0 to 1) of the mean delta of the scores (without a number: 1)",
+    )
+    convert.add_argument(
+        "--extremes",
+        action="store_true",
+        help="extend a general network by the minimum and maximum over the views, unused at first",
     )
     convert.set_defaults(run=_export)
 
@@ -159,6 +165,13 @@ def _baselines(options: argparse.Namespace) -> int:
 
 def _export(options: argparse.Namespace) -> int:
     changes = read_metadata(options.metadata) if options.metadata else {}
+    if not is_onnx(options.out) and is_general(options.checkpoint):
+        export_general(options.checkpoint, options.out, changes, options.unbiased, options.extremes)
+        print(f"wrote {options.out}")
+        return 0
+    if options.extremes:
+        remedy = "leave --extremes out"
+        raise InputError(options.checkpoint, "is not of a general network", remedy)
     export(options.checkpoint, options.out, changes, options.unbiased)
     print(f"wrote {options.out}")
     return 0
