@@ -127,7 +127,7 @@ class GeneralNetwork(nn.Module):
         nn.init.zeros_(self.modulation[-1].bias)
         nn.init.constant_(self.layers[-1].batch_norm.weight, 0.1)
 
-    def forward(self, planes: Tensor, views: Views, leak: float = 0.0) -> Tensor:
+    def forward(self, planes: Tensor, views: Views, leak: float | Tensor = 0.0) -> Tensor:
         """The scaled extinction followed by its expected absolute error, ``[n, 2 levels, y, x]``.
 
         ``planes`` ``[n, v, plane, y, x]`` are the scaled images on planes; those of unused places
@@ -142,7 +142,9 @@ class GeneralNetwork(nn.Module):
         for index, layer in enumerate(hidden):
             scale, shift = factors[:, index].to(values.dtype).unbind(1)
             values = torch.relu(layer(values) * (1.0 + scale) + shift)
-        return nn.functional.leaky_relu(last(values), leak)
+        # Not leaky_relu, whose slope cannot be a tensor, which a captured graph needs.
+        values = last(values)
+        return torch.maximum(values, values * leak)
 
     def mixing_factors(self, views: Views, scene: Tensor) -> Tensor:
         """The factor of each view in each virtual view, ``[n, virtual view, v]``."""

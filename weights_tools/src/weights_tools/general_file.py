@@ -8,9 +8,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-import safetensors.torch
 import torch
-from safetensors import SafetensorError, safe_open
 from torch import Tensor
 
 import weights_tools
@@ -79,6 +77,9 @@ def write_general_weights(path: str | Path, weights: GeneralWeights) -> None:
     Raises :class:`InputError` for values that are not finite and for a description that
     :func:`read_general_weights` would refuse.
     """
+    # On demand, as a machine for training may not have the package.
+    import safetensors.torch
+
     tensors = file_tensors(weights.network)
     try:
         _check_values(tensors)
@@ -96,6 +97,8 @@ def read_general_weights(path: str | Path) -> GeneralWeights:
     Raises :class:`InputError` for a file that is missing or damaged, of another kind or version,
     or has unknown, missing or impossible values.
     """
+    from safetensors import SafetensorError, safe_open
+
     try:
         with safe_open(str(path), "pt") as file:
             text = (file.metadata() or {})["deepct"]

@@ -28,13 +28,15 @@ def on_planes(
     views: Views,
     heights: Tensor,
     size: tuple[int, int] | None = None,
-    corner: tuple[int, int] = (0, 0),
+    corner: Tensor | None = None,
+    pointing: Tensor | None = None,
 ) -> Tensor:
     """Images ``[n, v, row, col]`` on horizontal planes, ``[n, v, plane, y, x]``.
 
-    ``heights`` ``[plane]`` are those above the target. ``size`` and ``corner`` select rows and
-    columns of the result, which otherwise has the size of the images. Beyond its edge, an image is
-    continued with the values of the edge.
+    ``heights`` ``[plane]`` are those above the target. ``size`` and ``corner`` ``[n, (y, x)]``
+    select rows and columns of the result of each scene, which otherwise has the size of the images.
+    ``pointing`` ``[n, v, (row, col)]`` are errors of the pointing of the cameras (pixels). Beyond its
+    edge, an image is continued with the values of the edge.
     """
     scenes, count, rows, cols = images.shape
     size = size or (rows, cols)
@@ -44,9 +46,12 @@ def on_planes(
     tangent = towards[..., None, :2] / towards[..., None, 2:]
     shift = -heights.to(images)[:, None] * tangent - ROUNDING
     shift = shift.sign() * (shift.abs() + 0.5).floor()
+    first = images.new_zeros(scenes, 2) if corner is None else corner.to(images)
     y, x = (
-        torch.arange(lines).to(images) + 0.5 + first - 0.5 * whole + shift[..., axis, None]
-        for lines, first, whole, axis in zip(size, corner, (rows, cols), (1, 0))
+        torch.arange(lines).to(images)
+        + (0.5 - 0.5 * whole + first[:, None, None, at, None])
+        + shift[..., 1 - at, None]
+        for at, (lines, whole) in enumerate(zip(size, (rows, cols)))
     )
 
     def along(factors: Tensor) -> Tensor:
@@ -54,8 +59,13 @@ def on_planes(
         at = factors[:, :, None, :, None]
         return (at[..., 0, :] * x)[..., None, :] + (at[..., 1, :] * y)[..., :, None]
 
-    scale = (1.0 - along(depth)).clamp_min_(LEAST_DEPTH)
-    pixels = (along(column) / scale / (0.5 * cols), along(row) / scale / (0.5 * rows))
+    # Coordinates from -1 to 1 between the edges of the image.
+    scale = (1.0 - along(depth)).clamp_min_(LEAST_DEPTH).reciprocal_()
+    pixels = (along(column * (2.0 / cols)).mul_(scale), along(row * (2.0 / rows)).mul_(scale))
+    if pointing is not None:
+        error = pointing * pointing.new_tensor([2.0 / rows, 2.0 / cols])
+        for pixel, axis in zip(pixels, (1, 0)):
+            pixel += error[..., axis, None, None, None]
     grid = torch.stack(pixels, -1).reshape(scenes * count, -1, size[1], 2)
     flat = images.reshape(scenes * count, 1, rows, cols)
     result = nn.functional.grid_sample(flat, grid, padding_mode="border", align_corners=False)

@@ -8,6 +8,7 @@ program is compiled by nvcc where it is installed and otherwise by NVRTC, which 
 from __future__ import annotations
 
 import ctypes
+import importlib.util
 import shutil
 import subprocess
 import tempfile
@@ -32,6 +33,9 @@ AIR_HEIGHT_KM = 8.45
 
 PIXELS = 32
 """Rows and columns of the images."""
+
+FEW = 256
+"""Number of photon paths of a pixel whose lines of sight meet no cloud."""
 
 COMPILERS = ("c++", "g++", "clang++")
 _FLAGS = ["-x", "c++", "-std=c++14", "-O3", "-ffast-math", "-shared", "-fPIC"]
@@ -99,7 +103,7 @@ class DeepctRenderer:
 class PhotonRenderer:
     """Images by the Monte Carlo program of this package."""
 
-    def __init__(self, device: str = "cpu", few: int = 256, many: int = 1024) -> None:
+    def __init__(self, device: str = "cpu", few: int = FEW, many: int = 1024) -> None:
         """``many`` is the number of paths of a pixel, and ``few`` that of a pixel whose first
         ``few`` lines of sight meet no cloud (multiples of 32).
 
@@ -152,6 +156,22 @@ class PhotonRenderer:
     def _put(self, values: np.ndarray) -> torch.Tensor:
         flat = np.ascontiguousarray(values).view(np.uint8).reshape(-1)
         return torch.from_numpy(flat.copy()).to(self.device)
+
+
+def renderer_of(name: str, paths: int) -> Renderer:
+    """The renderer with a name: ``ordinates`` or ``monte-carlo`` for the solvers of ``deepct_py``,
+    ``photon-paths`` for the program of this package with ``paths`` photon paths of a cloudy pixel,
+    and ``auto`` for the latter on a GPU and without ``deepct_py``, and otherwise for ordinates.
+
+    Raises :class:`InputError` if it cannot be used.
+    """
+    device = "cuda" if torch.cuda.is_available() else "cpu"
+    if name == "auto":
+        installed = importlib.util.find_spec("deepct_py") is not None
+        name = "photon-paths" if device == "cuda" or not installed else "ordinates"
+    if name == "photon-paths":
+        return PhotonRenderer(device, few=min(FEW, paths), many=paths)
+    return DeepctRenderer(name)
 
 
 _SCENE = np.dtype(
