@@ -68,6 +68,7 @@ def _parser() -> argparse.ArgumentParser:
     general.add_argument(
         "--further", type=_positive, metavar="MINUTES", help="duration in addition to that so far"
     )
+    general.add_argument("--pool", type=Path, help="folder of the scenes (default: OUT/pool)")
     general.add_argument(
         "--generators", type=int, default=1, help="processes that make scenes (default: 1)"
     )
@@ -91,7 +92,7 @@ def _parser() -> argparse.ArgumentParser:
     pack.add_argument("--simulations", type=Path, required=True, help="folder of simulations")
     pack.add_argument("--out", type=Path, required=True, help="new folder")
     pack.add_argument("--start", type=Path, help="checkpoint with the initial parameters")
-    pack.add_argument("--small", action="store_true", help="with few clouds, for a test")
+    pack.add_argument("--small", action="store_true", help="for `run.sh MINUTES OUT --small` only")
     pack.set_defaults(run=_pack)
 
     trivial = verbs.add_parser("baselines", help="scores of estimates without a network")
@@ -234,6 +235,7 @@ def _train_general(options: argparse.Namespace) -> int:
         options.renderer,
         options.paths,
         options.small,
+        options.pool,
     )
     report = partial(print, flush=True)
     training = GeneralTraining(recipe, options.out, generators, device, report, options.start)
@@ -257,7 +259,7 @@ def _scenes(options: argparse.Namespace) -> int:
     from weights_tools.stream import generate
 
     recipe = _general_recipe(options)
-    paths = 32 if options.small else options.paths
+    paths = 8 if options.small else options.paths
     renderer = renderer_of(options.renderer, paths)
     lines = generate(recipe, options.simulations, options.out, renderer, options.part)
     for number, line in enumerate(lines, 1):
@@ -271,8 +273,9 @@ def _scenes(options: argparse.Namespace) -> int:
 def _pack(options: argparse.Namespace) -> int:
     from weights_tools.pack import pack
 
-    for line in pack(_general_recipe(options), options):
-        print(line)
+    recipe = _general_recipe(options)
+    for line in pack(recipe, options.recipe, options.simulations, options.out, options.start):
+        print(line, flush=True)
     return 0
 
 

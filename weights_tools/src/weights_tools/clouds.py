@@ -28,7 +28,8 @@ WIDEST = 88
 """Largest extent of a cloud along x and along y (columns of the simulation)."""
 
 _GENERATED = "generated-{}.npz"
-_GENERATED_SIZE = 64
+_GENERATED_SIZE = 128
+"""Columns of the clear surroundings of a generated cloud, more than a scene covers."""
 
 
 @dataclass(frozen=True)

@@ -61,6 +61,8 @@ class Generators:
     paths: int = 512
     """Number of photon paths of a pixel, for the Monte Carlo program of this package."""
     small: bool = False
+    pool: Path | None = None
+    """Folder of the scenes; without it, a folder in that of the training."""
 
 
 class GeneralTraining:
@@ -107,7 +109,7 @@ class GeneralTraining:
         self.step = Step(self.network, muon_share, report)
         if checkpoint is not None:
             self.step.optimizers.load_state_dict(checkpoint["optimizer_state_dict"])
-        pool = folder / "pool"
+        self._pool_folder = pool = generators.pool or folder / "pool"
         self.pool = Pool(pool, "train", recipe.stream.chunks, device)
         self.validation = Pool(pool, "validation", validation_chunks(recipe), device)
 
@@ -323,7 +325,7 @@ class GeneralTraining:
     def _start_generators(self) -> list[subprocess.Popen[bytes]]:
         own = self._generators
         command = [sys.executable, "-m", "weights_tools", "scenes", str(own.recipe_path)]
-        command += ["--simulations", str(own.simulations), "--out", str(self.folder / "pool")]
+        command += ["--simulations", str(own.simulations), "--out", str(self._pool_folder)]
         command += ["--renderer", own.renderer, "--paths", str(own.paths)]
         command += ["--parent", str(os.getpid())]
         if own.small:
@@ -371,8 +373,8 @@ def small(recipe: GeneralRecipe) -> GeneralRecipe:
     """The recipe for a test run of seconds: few small batches, few scenes."""
     return replace(
         recipe,
-        scenes=replace(recipe.scenes, validation=4, generated_clouds=4),
-        stream=replace(recipe.stream, chunk=4, chunks=4, uses=1e6),
+        scenes=replace(recipe.scenes, validation=2, generated=0.0, random_views=8),
+        stream=replace(recipe.stream, chunk=2, chunks=4, uses=1e6),
         training=replace(recipe.training, batch=4, views_per_batch=80, report_minutes=0.2),
     )
 
