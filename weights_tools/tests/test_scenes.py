@@ -160,11 +160,14 @@ def test_wrong_recipes_are_refused(simulations, tmp_path, old, new, message):
     assert message in str(error.value)
 
 
-def test_the_recipe_that_ships_is_valid():
+def test_the_recipes_that_ship_are_valid():
     from pathlib import Path
 
     folder = Path(__file__).parents[1] / "recipes"
-    general = [path.stem for path in folder.glob("*.toml") if is_general_recipe(path)]
-    assert general == ["general"]
-    files = {each.file for each in load_general_recipe(folder / "general.toml").simulations}
-    assert not any("rico" in file for file in files)
+    general = [path for path in folder.glob("*.toml") if is_general_recipe(path)]
+    assert {path.stem for path in general} == {"general", "general-gpu"}
+    recipes = [load_general_recipe(path) for path in general]
+    assert recipes[0].simulations == recipes[1].simulations
+    assert recipes[0].network == recipes[1].network
+    # RICO is reserved for tests.
+    assert not any("rico" in each.file for each in recipes[0].simulations)

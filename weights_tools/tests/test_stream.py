@@ -4,7 +4,7 @@ import torch
 
 from weights_tools.errors import InputError
 from weights_tools.general_recipe import load_general_recipe
-from weights_tools.scenes import CLOUDCT_10, VOXEL_KM
+from weights_tools.scenes import VOXEL_KM
 from weights_tools.stream import (
     Batches,
     Pool,
@@ -121,11 +121,13 @@ def test_any_views_are_different_ones_of_the_scene(recipe, folder):
     pool.update()
     batches = Batches(recipe, pool, cropping=False, seed=1)
     for count in (3, 10, 16, 40):
-        for _ in range(40):
-            views = batches._any_views(count)
-            assert len(set(views.tolist())) == count
-            assert views.min() >= 0 and views.max() < 48
-    assert len(CLOUDCT_10) == 10
+        chosen = batches._any_views(200, count)
+        assert chosen.shape == (200, count)
+        assert all(len(set(views)) == count for views in chosen.tolist())
+        assert chosen.min() >= 0 and chosen.max() < 48
+        on_track, scattered = (chosen < 32).all(1), (chosen >= 32).all(1)
+        assert 40 < on_track.sum() < 130 if count <= 16 else not on_track.any()
+        assert 40 < scattered.sum() < 120 if count <= 16 else not scattered.any()
 
 
 def test_crops_are_parts_at_their_corners():

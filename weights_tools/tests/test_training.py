@@ -259,7 +259,7 @@ def test_recipes_that_ship_are_valid():
     from pathlib import Path
 
     folder = Path(__file__).parents[1] / "recipes"
-    paths = [path for path in folder.glob("*.toml") if path.stem != "general"]
+    paths = [path for path in folder.glob("*.toml") if not path.stem.startswith("general")]
     formations = {path.stem: load_recipe(path).formation for path in paths}
     assert set(formations.values()) == {"cloudct-10", "pearls-32"}
     assert all(name.startswith(formation) for name, formation in formations.items())

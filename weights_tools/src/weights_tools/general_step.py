@@ -43,6 +43,10 @@ class Step:
         # The leak, and the weights of epsilon, of the squared error and of the uncertainty.
         self._weights = torch.zeros(4, device=self.device)
         self._recorded: dict[tuple[int, ...], tuple[torch.cuda.CUDAGraph, Batch, Tensor]] = {}
+        if self.recording:
+            # All steps run on one stream, and the graphs share their memory.
+            self._stream = torch.cuda.Stream(self.device)
+            self._memory = torch.cuda.graph_pool_handle()
         self._steps = 0
         for parameter in network.parameters():
             parameter.grad = torch.zeros_like(parameter)
@@ -51,10 +55,14 @@ class Step:
         """Take one step with a learning rate; ``weights`` are the leak and the weights of epsilon,
         of the squared error and of the uncertainty. Returns the loss before the step."""
         self.optimizers.set_rate(rate)
-        self._weights.copy_(torch.tensor(weights))
+        # Without a copy from the host, which would wait for all previous steps.
+        for place, value in zip(self._weights, weights):
+            place.fill_(value)
         self._steps += 1
-        if not self.recording or self._steps <= EAGER_STEPS:
+        if not self.recording:
             return self._operations(batch)
+        if self._steps <= EAGER_STEPS:
+            return self._on_stream(batch)
         key = tuple(batch.planes.shape)
         if key not in self._recorded:
             try:
@@ -71,12 +79,20 @@ class Step:
         graph.replay()
         return loss
 
+    def _on_stream(self, batch: Batch) -> Tensor:
+        current = torch.cuda.current_stream(self.device)
+        self._stream.wait_stream(current)
+        with torch.cuda.stream(self._stream):
+            loss = self._operations(batch)
+        current.wait_stream(self._stream)
+        return loss
+
     def _record(self, batch: Batch) -> tuple[torch.cuda.CUDAGraph, Batch, Tensor]:
         copies = [tensor.clone() for tensor in _tensors(batch)]
         inputs = Batch(copies[0], Views(*copies[2:]), copies[1])
         torch.cuda.synchronize(self.device)
         graph = torch.cuda.CUDAGraph()
-        with torch.cuda.graph(graph):
+        with torch.cuda.graph(graph, pool=self._memory, stream=self._stream):
             loss = self._operations(inputs)
         return graph, inputs, loss
 

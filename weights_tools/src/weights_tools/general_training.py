@@ -89,6 +89,7 @@ class GeneralTraining:
         self.recipe, self.folder, self.device, self.report = recipe, folder, device, report
         self._generators = generators
         torch.manual_seed(recipe.training.seed)
+        torch.backends.cudnn.benchmark = device.type == "cuda"
         self.network = GeneralNetwork(recipe.network)
         self.steps = 0
         self.samples = 0
@@ -302,7 +303,11 @@ class GeneralTraining:
         )
 
     def _start(self, path: Path) -> None:
-        network = load_general(path).network
+        weights = load_general(path)
+        network, scale = weights.network, weights.description.input_scale
+        if scale != self.recipe.scaling.input_scale:
+            remedy = "make scaling.input_scale the same"
+            raise InputError(path, f"is of a network with the input_scale {scale}", remedy)
         if self.recipe.network.extremes:
             network = with_extremes(network)
         if network.architecture != self.recipe.network:

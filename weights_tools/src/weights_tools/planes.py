@@ -48,7 +48,7 @@ def on_planes(
     shift = shift.sign() * (shift.abs() + 0.5).floor()
     first = images.new_zeros(scenes, 2) if corner is None else corner.to(images)
     y, x = (
-        torch.arange(lines).to(images)
+        torch.arange(lines, dtype=images.dtype, device=images.device)
         + (0.5 - 0.5 * whole + first[:, None, None, at, None])
         + shift[..., 1 - at, None]
         for at, (lines, whole) in enumerate(zip(size, (rows, cols)))
@@ -63,9 +63,8 @@ def on_planes(
     scale = (1.0 - along(depth)).clamp_min_(LEAST_DEPTH).reciprocal_()
     pixels = (along(column * (2.0 / cols)).mul_(scale), along(row * (2.0 / rows)).mul_(scale))
     if pointing is not None:
-        error = pointing * pointing.new_tensor([2.0 / rows, 2.0 / cols])
-        for pixel, axis in zip(pixels, (1, 0)):
-            pixel += error[..., axis, None, None, None]
+        for pixel, axis, count_along in zip(pixels, (1, 0), (cols, rows)):
+            pixel += pointing[..., axis, None, None, None] * (2.0 / count_along)
     grid = torch.stack(pixels, -1).reshape(scenes * count, -1, size[1], 2)
     flat = images.reshape(scenes * count, 1, rows, cols)
     result = nn.functional.grid_sample(flat, grid, padding_mode="border", align_corners=False)
@@ -89,8 +88,9 @@ def _camera(views: Views) -> tuple[Tensor, Tensor, Tensor]:
     row = torch.linalg.cross(towards, column)
     # The images of parallel rays are given on the horizontal plane of the target.
     parallel = views.distance.isinf()[..., None]
-    east, north = torch.eye(2).to(towards)
+    east = torch.zeros_like(towards[..., :2])
+    east[..., 0] = 1.0
     column = torch.where(parallel, east, column[..., :2])
-    row = torch.where(parallel, north, row[..., :2])
+    row = torch.where(parallel, east.flip(-1), row[..., :2])
     pixel = views.pixel[..., None]
     return column / pixel, row / pixel, towards[..., :2] / views.distance[..., None]

@@ -53,15 +53,23 @@ class Renderer(Protocol):
 class DeepctRenderer:
     """Images by ``deepct_py``: by discrete ordinates, or by its Monte Carlo solver."""
 
-    def __init__(self, solver: str = "ordinates", noise: float = 0.05) -> None:
-        """``noise`` is the relative Monte Carlo noise of the bright pixels."""
+    def __init__(
+        self, solver: str = "ordinates", noise: float = 0.05, samples: int | None = None
+    ) -> None:
+        """``noise`` is the relative noise of the bright pixels up to which the Monte Carlo solver
+        continues, and the accuracy of the ordinates; ``samples`` is the number of photon paths of a
+        pixel instead.
+
+        Raises :class:`InputError` if ``deepct_py`` is not installed.
+        """
         try:
             import deepct_py
         except ImportError as problem:
             remedy = "install deepct_py, or render with --renderer photon-paths"
             raise InputError("deepct_py", f"cannot be imported ({problem})", remedy) from None
         self._deepct: Any = deepct_py
-        self.solver, self.noise = solver, noise
+        self.solver = solver
+        self._accuracy = {"noise": noise} if samples is None else {"samples_per_pixel": samples}
 
     def render(self, scenes: Sequence[Scene]) -> np.ndarray:
         return np.stack([self._one(scene) for scene in scenes])
@@ -92,7 +100,7 @@ class DeepctRenderer:
             views,
             light,
             solver=self.solver,
-            noise=self.noise,
+            **self._accuracy,
             seed=scene.seed,
             effective_radius=scene.effective_radius,
             estimate_error=False,

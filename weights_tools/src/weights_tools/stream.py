@@ -236,7 +236,10 @@ class Batches:
         self.device = pool.device
         self.generator = torch.Generator(self.device).manual_seed(seed)
         self._random = np.random.default_rng(seed)
-        self._heights = recipe.network.heights
+        self._heights = recipe.network.heights.to(self.device, torch.float32)
+        self._ten, self._pearls = (
+            torch.tensor(views, device=self.device) for views in (CLOUDCT_10, range(_PEARLS))
+        )
         self.drawn = 0
         """Number of scenes that have been drawn."""
 
@@ -262,33 +265,33 @@ class Batches:
         scenes, views = self.pool.all, None
         if len(self.pool.paper) and kind < TEN_VIEWS + ALL_PEARLS:
             scenes = self.pool.paper
-            views = CLOUDCT_10 if kind < TEN_VIEWS else tuple(range(_PEARLS))
+            views = self._ten if kind < TEN_VIEWS else self._pearls
             count = len(views)
         else:
             counts = FREQUENT_COUNTS if random.random() < FREQUENT else VIEW_COUNTS
             count = int(random.choice(counts))
         size = max(2, min(settings.batch, settings.views_per_batch // count))
         index = scenes[self._integers(len(scenes), size)]
-        if views is None:
-            chosen = np.stack([self._any_views(count) for _ in range(size)])
-        else:
-            chosen = np.tile(views, (size, 1))
-        return index, torch.from_numpy(chosen.astype(np.int64)).to(self.device)
+        chosen = self._any_views(size, count) if views is None else views.expand(size, -1)
+        return index, chosen
 
-    def _any_views(self, count: int) -> np.ndarray:
-        """The indices of ``count`` views of a scene."""
-        random, others = self._random, self.recipe.scenes.random_views
-        kind = random.random()
-        if kind < PART_OF_TRACK and count <= _PEARLS:
-            if random.random() < 0.5:
-                return np.sort(random.choice(_PEARLS, count, replace=False))
-            # Equidistant satellites.
-            step = random.integers(1, (_PEARLS - 1) // (count - 1) + 1)
-            first = random.integers(0, _PEARLS - step * (count - 1))
-            return first + step * np.arange(count)
-        if kind < PART_OF_TRACK + SCATTERED and count <= others:
-            return _PEARLS + random.choice(others, count, replace=False)
-        return random.choice(_PEARLS + others, count, replace=False)
+    def _any_views(self, size: int, count: int) -> Tensor:
+        """The indices of ``count`` different views of each of ``size`` scenes."""
+        others = self.recipe.scenes.random_views
+        kind, even, step, first = self._uniform(4, size, 1)
+        part = (kind < PART_OF_TRACK) & (count <= _PEARLS)
+        scattered = ~part & (kind < PART_OF_TRACK + SCATTERED) & (count <= others)
+        # The views with the smallest random keys; those of the other kind have larger keys.
+        keys = self._uniform(size, _PEARLS + others)
+        keys[:, _PEARLS:] += 1.0 * part
+        keys[:, :_PEARLS] += 1.0 * scattered
+        chosen = keys.argsort(1)[:, :count]
+        # Equidistant satellites.
+        longest = max((_PEARLS - 1) // (count - 1), 1)
+        step = (step * longest).long() + 1
+        first = (first * (_PEARLS - step * (count - 1)).clamp_min(1)).long()
+        equidistant = first + step * torch.arange(count, device=self.device)
+        return torch.where(part & (even < 0.5), equidistant, chosen)
 
     def _crop(self, extinction: Tensor) -> tuple[int, Tensor | None]:
         """The size of the crops and their corners ``[n, (y, x)]`` near the clouds."""

@@ -60,15 +60,18 @@ class Views:
     def mirrored(self, east: Tensor, north: Tensor, swapped: Tensor) -> Views:
         """The views after the symmetries of the ground: x is reversed where ``east`` ``[n]`` is
         true, y where ``north`` is true, and x and y are then exchanged where ``swapped`` is."""
-        signs = torch.stack([1.0 - 2.0 * east, 1.0 - 2.0 * north, torch.ones_like(east) * 1.0], 1)
-        exchanged = torch.tensor([1, 0, 2], device=self.sun.device)
+        # Without constants from the host, for which a GPU would have to wait.
+        signs = [1.0 - 2.0 * each.to(self.sun) for each in (east, north)]
 
-        def turned(vectors: Tensor, scenes: Tensor) -> Tensor:
-            return torch.where(scenes, vectors[..., exchanged], vectors)
+        def turned(vectors: Tensor) -> Tensor:
+            scenes = (-1, *[1] * (vectors.ndim - 2))
+            x, y = (sign.reshape(scenes) * vectors[..., at] for at, sign in enumerate(signs))
+            exchanged = swapped.reshape(scenes)
+            return torch.stack(
+                [torch.where(exchanged, y, x), torch.where(exchanged, x, y), vectors[..., 2]], -1
+            )
 
-        signs = signs.to(self.sun)
-        sun = turned(self.sun * signs, swapped[:, None])
-        towards = turned(self.towards * signs[:, None], swapped[:, None, None])
+        sun, towards = turned(self.sun), turned(self.towards)
         return replace(self, sun=sun, towards=towards)
 
 
