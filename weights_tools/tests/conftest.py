@@ -185,8 +185,7 @@ def write_simulation(path: Path, times: int = 3, size: int = 48, levels: int = 4
         for centre in ((0, 24), (24, 12), (12, 40)):
             radius, base = random.uniform(4.0, 7.0), random.uniform(4.0, 10.0)
             across = [
-                (at - middle + size // 2) % size - size // 2
-                for at, middle in zip((y, x), centre)
+                (at - middle + size // 2) % size - size // 2 for at, middle in zip((y, x), centre)
             ]
             distance = np.sqrt(sum(at**2 for at in across) + (z - base - radius) ** 2)
             water[time] += 0.5 * np.clip(1.0 - distance / radius, 0.0, 1.0)

@@ -61,7 +61,8 @@ def test_the_order_of_the_views_does_not_matter(network):
         planes = pictures(views, index)
         order = torch.randperm(planes.shape[1], generator=torch.Generator().manual_seed(index))
         with torch.no_grad():
-            answer, other = double(planes, views), double(planes[:, order], views.select(order[None]))
+            answer = double(planes, views)
+            other = double(planes[:, order], views.select(order[None]))
         torch.testing.assert_close(answer, other, rtol=1e-9, atol=1e-12)
 
 

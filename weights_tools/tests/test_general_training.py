@@ -42,6 +42,27 @@ def test_a_short_training_lowers_the_loss():
     assert losses[-1] < 0.5 * losses[0]
 
 
+def test_frozen_normalisations_keep_their_statistics():
+    torch.manual_seed(2)
+    geometry = random_geometries(1, seed=4)[0]
+    views = views_of(geometry["view_geometry"], geometry["horizontal_spacing_km"])
+    views = views.to(torch.float32)[[0] * 4]
+    planes = torch.rand(4, views.pixel.shape[1], 2, 8, 8)
+    batch = Batch(planes, views, torch.rand(4, 32, 8, 8))
+    network = GeneralNetwork(ARCHITECTURE).train()
+    step = Step(network, 3.0, print)
+    weights = (0.0, 1.0, 1.0, 0.1)
+    step.run(batch, 1e-3, weights)
+    step.freeze()
+    network.eval()
+    network.train()
+    norm = network.layers[0].batch_norm
+    mean, kernel = norm.running_mean.clone(), network.layers[0].weight.clone()
+    step.run(batch, 1e-3, weights)
+    assert torch.equal(norm.running_mean, mean)
+    assert not torch.equal(network.layers[0].weight, kernel)
+
+
 def test_the_loss_is_that_of_its_definition():
     truth = torch.zeros(1, 2, 1, 2)
     truth[0, 0] = torch.tensor([[1.0, 3.0]])

@@ -52,9 +52,7 @@ def test_the_program_agrees_with_deepct():
     other = DeepctRenderer("ordinates", noise=0.02)
     found, expected = own.render(scenes), other.render(scenes)
     background, expected_background = own.render(clear), other.render(clear)
-    np.testing.assert_allclose(
-        background.mean((2, 3)), expected_background.mean((2, 3)), rtol=0.01
-    )
+    np.testing.assert_allclose(background.mean((2, 3)), expected_background.mean((2, 3)), rtol=0.01)
     signal = (found - background).sum((2, 3))
     expected_signal = (expected - expected_background).sum((2, 3))
     ratio = signal / expected_signal

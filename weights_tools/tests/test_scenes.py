@@ -74,7 +74,7 @@ def test_scenes_are_within_their_ranges(recipe, simulations):
     for scene in scenes:
         cloudy = scene.extinction > 0.0
         assert cloudy.sum() >= 12 and 0.0 < scene.extinction.max() <= 400.0
-        assert 1.0 < scene.effective_radius.min() and scene.effective_radius.max() <= 20.0
+        assert scene.effective_radius.min() > 1.0 and scene.effective_radius.max() <= 20.0
         assert scene.bottom_km >= 0.05
         np.testing.assert_allclose(np.linalg.norm(scene.towards, axis=1), 1.0)
         assert np.degrees(np.arccos(scene.sun[2])) <= 70.0 + 1e-9
@@ -118,11 +118,15 @@ def test_droplets_scatter_as_large_spheres_with_a_forward_peak():
     table = droplet_table()
     assert table.phase.shape[0] == len(table.removed)
     theta = np.linspace(0.0, np.pi, table.phase.shape[1])
-    integrals = 2.0 * np.pi * np.trapezoid(table.phase * np.sin(theta), theta, axis=1)
-    np.testing.assert_allclose(integrals, 1.0, rtol=1e-4)
-    assert np.all((0.1 < table.removed) & (table.removed < 0.6))
+
+    def integral(values):
+        values = 2.0 * np.pi * values * np.sin(theta)
+        return 0.5 * ((values[:, 1:] + values[:, :-1]) * np.diff(theta)).sum(1)
+
+    np.testing.assert_allclose(integral(table.phase), 1.0, rtol=1e-4)
+    assert np.all((table.removed > 0.1) & (table.removed < 0.6))
     # The drawn cosines have the mean cosine of the phase function.
-    means = 2.0 * np.pi * np.trapezoid(table.phase * np.sin(theta) * np.cos(theta), theta, axis=1)
+    means = integral(table.phase * np.cos(theta))
     np.testing.assert_allclose(table.cosine.mean(1), means, rtol=2e-3)
     # The asymmetry parameter of droplets of 10 um is 0.86 to 0.87 including the peak.
     index = round(float(table_index(np.array([10.0]))[0]))

@@ -150,4 +150,4 @@ def test_waiting_ends_with_an_error_if_no_generator_runs(tmp_path):
 
     pool = Pool(tmp_path, "train", 3, CPU)
     with pytest.raises(InputError, match="status 1"):
-        wait_for(pool, lambda: pool.rendered > 0, alive)
+        wait_for(pool, 1, alive)

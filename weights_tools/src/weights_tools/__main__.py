@@ -1,4 +1,5 @@
-"""The command line: ``weights_tools generate | train | scenes | pack | baselines | export | check``."""
+"""The command line: ``weights_tools VERB``, with the verbs ``generate``, ``train``, ``scenes``,
+``pack``, ``baselines``, ``export`` and ``check``."""
 
 from __future__ import annotations
 
@@ -221,7 +222,7 @@ def _train(options: argparse.Namespace) -> int:
 def _train_general(options: argparse.Namespace) -> int:
     import torch
 
-    from weights_tools.general_training import Generators, GeneralTraining
+    from weights_tools.general_training import GeneralTraining, Generators
 
     if options.simulations is None:
         remedy = "give --simulations instead"

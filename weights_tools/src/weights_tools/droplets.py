@@ -43,8 +43,8 @@ class DropletTable:
     """The phase functions of droplets, without the forward peak.
 
     Light that is scattered into the peak continues almost undeflected and is treated as if it were
-    not scattered (Potter 1970). Outside of the peak, the product of extinction and phase function is
-    unchanged, so that single scattering is exact there.
+    not scattered (Potter 1970). Outside of the peak, the product of extinction and phase function
+    is unchanged, so that single scattering is exact there.
     """
 
     phase: np.ndarray

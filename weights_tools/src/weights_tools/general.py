@@ -36,6 +36,10 @@ MODULATION_WIDTH = 64
 MIXING_SCALE = 3.0
 """Sum of the factors of all views in a virtual view if the perceptron returns 1 for each."""
 
+MOMENTUM = 0.02
+"""Weight of a batch in the running statistics of the batch normalisations. The statistics of the
+batches differ much, as each has another formation."""
+
 FAR = 1e4
 """Value added to an unused place before the minimum over the views, well above all images."""
 
@@ -102,7 +106,7 @@ class Layer(nn.Conv2d):
 
     def __init__(self, inputs: int, outputs: int) -> None:
         super().__init__(inputs, outputs, KERNEL_SIZE, padding=KERNEL_SIZE // 2)
-        self.batch_norm = nn.BatchNorm2d(outputs)
+        self.batch_norm = nn.BatchNorm2d(outputs, momentum=MOMENTUM)
         nn.init.xavier_normal_(self.weight)
         nn.init.zeros_(self.bias)
 
@@ -116,6 +120,8 @@ class GeneralNetwork(nn.Module):
     def __init__(self, architecture: GeneralArchitecture) -> None:
         super().__init__()
         self.architecture = architecture
+        self.frozen = False
+        """Whether the batch normalisations use and keep their running statistics in training."""
         channels = architecture.channels
         self.layers = nn.ModuleList(Layer(a, b) for a, b in zip(channels, channels[1:]))
         hidden = [MIXING_WIDTH, MIXING_WIDTH]
@@ -126,6 +132,14 @@ class GeneralNetwork(nn.Module):
         nn.init.zeros_(self.modulation[-1].weight)
         nn.init.zeros_(self.modulation[-1].bias)
         nn.init.constant_(self.layers[-1].batch_norm.weight, 0.1)
+
+    def train(self, mode: bool = True) -> GeneralNetwork:
+        """Set the training mode, in which frozen normalisations remain as they are."""
+        super().train(mode)
+        if self.frozen:
+            for layer in self.layers:
+                layer.batch_norm.eval()
+        return self
 
     def forward(self, planes: Tensor, views: Views, leak: float | Tensor = 0.0) -> Tensor:
         """The scaled extinction followed by its expected absolute error, ``[n, 2 levels, y, x]``.

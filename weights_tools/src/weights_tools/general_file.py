@@ -261,7 +261,8 @@ _KEYS = {
 def _architecture(header: dict[str, Any]) -> GeneralArchitecture:
     if header.get("format_version") != FORMAT_VERSION or header.get("network") != "general":
         version, kind = header.get("format_version"), header.get("network", "fixed")
-        raise ValueError(f"is of version {version!r}, network {kind!r}; not {FORMAT_VERSION}, general")
+        problem = f"is of version {version!r}, network {kind!r}"
+        raise ValueError(f"{problem}, not {FORMAT_VERSION}, general")
     missing = sorted(_KEYS - set(header) - set(_OPTIONAL))
     unknown = sorted(set(header) - _KEYS)
     if missing or unknown:

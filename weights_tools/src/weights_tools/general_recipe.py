@@ -92,6 +92,10 @@ class GeneralTrainingRecipe:
     warmup: float = 0.03
     """Fraction of the training during which the learning rate increases; it then decreases to 0
     along a cosine."""
+    frozen: float = 0.0
+    """Fraction of the training after which the batch normalisations use and keep their running
+    statistics. Those of a batch depend on its formation and on the crop, so that the network would
+    otherwise be trained with other scales than those with which it is used."""
     leak: float = 0.03
     """Slope of the last ReLU below zero at the beginning of the training; it decreases to 0."""
     relative: tuple[float, float] = (0.3, 1.0)
@@ -187,6 +191,7 @@ def _check(recipe: GeneralRecipe, path: Path) -> None:
         ("training.learning_rate", training.learning_rate > 0.0, "positive"),
         ("training.muon_learning_rate", training.muon_learning_rate > 0.0, "positive"),
         ("training.warmup", 0.0 < training.warmup < 1.0, "between 0 and 1"),
+        ("training.frozen", 0.0 <= training.frozen <= 1.0, "0 to 1"),
         ("training.leak", 0.0 <= training.leak < 1.0, "at least 0 and below 1"),
         ("training.turn", 0.0 <= ramp_start < ramp_end <= 1.0, "two ascending numbers of 0 to 1"),
         ("training.crop", 0 <= training.crop <= 32, "0 to 32"),

@@ -79,6 +79,13 @@ class Step:
         graph.replay()
         return loss
 
+    def freeze(self) -> None:
+        """Use and keep the running statistics of the batch normalisations in all further steps."""
+        self.network.frozen = True
+        self.network.train()
+        if self.recording:
+            self._recorded.clear()
+
     def _on_stream(self, batch: Batch) -> Tensor:
         current = torch.cuda.current_stream(self.device)
         self._stream.wait_stream(current)

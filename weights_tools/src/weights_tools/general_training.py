@@ -41,8 +41,8 @@ VALIDATION_VIEWS = {
     "any_8": (False, tuple(range(PEARLS, PEARLS + 8))),
     "any_3": (False, tuple(range(PEARLS, PEARLS + 3))),
 }
-"""The formations of the scores: whether they apply to the scenes in the light of the paper only, and
-the indices of the views. The last two are in random directions."""
+"""The formations of the scores: whether they apply to the scenes in the light of the paper only,
+and the indices of the views. The last two are in random directions."""
 
 _EVALUATED = 16
 _VALIDATION_NOISE = 5
@@ -81,8 +81,8 @@ class GeneralTraining:
         report: Callable[[str], None],
         start: Path | None = None,
     ) -> None:
-        """Resume the run in ``folder``, or begin a new one, with the parameters of the checkpoint or
-        weights file ``start`` if it is given.
+        """Resume the run in ``folder``, or begin a new one, with the parameters of the checkpoint
+        or weights file ``start`` if it is given.
 
         Raises :class:`InputError` for a checkpoint of another recipe or network.
         """
@@ -139,9 +139,7 @@ class GeneralTraining:
             if not len(scenes):
                 continue
             with torch.no_grad():
-                parts = [
-                    self._score(part, views, generator) for part in scenes.split(_EVALUATED)
-                ]
+                parts = [self._score(part, views, generator) for part in scenes.split(_EVALUATED)]
             values = torch.cat(parts).double()
             epsilon, delta, expected, found = values.mean(0).tolist()
             result[f"{name}_epsilon"], result[f"{name}_delta"] = epsilon, delta
@@ -169,9 +167,8 @@ class GeneralTraining:
         settings, stream = self.recipe.training, self.recipe.stream
         self.report("waiting for the first scenes")
         self.validation.update()
-        chunks = validation_chunks(self.recipe)
-        wait_for(self.validation, lambda: self.validation.rendered >= self._expected(chunks), alive)
-        wait_for(self.pool, lambda: self.pool.rendered > 0, alive)
+        wait_for(self.validation, self.recipe.scenes.validation, alive)
+        wait_for(self.pool, 1, alive)
         cropping = self.device.type == "cpu" and settings.crop > 0
         batches = Batches(self.recipe, self.pool, cropping, settings.seed + self.steps)
         if self.steps:
@@ -181,6 +178,8 @@ class GeneralTraining:
         before, start, reported = self.elapsed_s, time.monotonic(), time.monotonic()
         loss: Tensor | None = None
         while self.progress < 1.0:
+            if self.progress >= settings.frozen and not self.network.frozen:
+                self.step.freeze()
             batch = batches.draw()
             loss = self._smoothed(loss, self._step(batch, settings))
             self.steps += 1
@@ -195,8 +194,7 @@ class GeneralTraining:
                 self._evaluate(float(loss))
                 reported = time.monotonic()
             if self.samples > stream.uses * self._available():
-                fresh = self.pool.rendered
-                wait_for(self.pool, lambda: self.pool.rendered > fresh, alive)
+                wait_for(self.pool, self.pool.rendered + 1, alive)
 
     def _available(self) -> int:
         """The number of scenes that this run and those before it have rendered."""
@@ -204,9 +202,6 @@ class GeneralTraining:
 
     def _newest(self) -> int:
         return max(self.pool.numbers, default=-1)
-
-    def _expected(self, chunks: int) -> int:
-        return min(chunks * self.recipe.stream.chunk, self.recipe.scenes.validation)
 
     def _step(self, batch: Any, settings: GeneralTrainingRecipe) -> Tensor:
         leak = settings.leak * (1.0 - self.progress)

@@ -7,8 +7,8 @@
 // from the phase function, whose forward peak is truncated (droplets.py). The random numbers of a
 // path depend on the seed of its scene, the pixel and the number of the path only.
 //
-// The file compiles for a GPU, by nvcc or NVRTC, with one warp for each pixel, and by a C++ compiler
-// for the CPU (renderers.py). Lengths are in km.
+// The file compiles for a GPU, by nvcc or NVRTC, with one warp for each pixel, and by a C++
+// compiler for the CPU (renderers.py). Lengths are in km.
 
 #ifdef __CUDACC__
 #define INLINE __device__ __forceinline__
@@ -101,7 +101,8 @@ struct Walk {
     int voxel;
 };
 
-INLINE bool begin(Walk &walk, const Scene &scene, const Sizes &sizes, Vector p, Vector d, float end) {
+INLINE bool begin(Walk &walk, const Scene &scene, const Sizes &sizes, Vector p, Vector d,
+                  float end) {
     float per[3] = {1.0f / scene.voxel, 1.0f / scene.voxel, 1.0f / scene.level};
     float middle = 0.5f * sizes.voxels;
     float from[3] = {p.x * per[0] + middle, p.y * per[1] + middle, (p.z - scene.bottom) * per[2]};
@@ -168,8 +169,8 @@ INLINE float cloud_depth(const Scene &scene, const Sizes &sizes, const float *ex
     return depth;
 }
 
-// Distance at which the optical depth of the cloud reaches `depth`, and the voxel; FAR if it does not
-// before `end`.
+// Distance at which the optical depth of the cloud reaches `depth`, and the voxel; FAR if it does
+// not before `end`.
 INLINE float collision(const Scene &scene, const Sizes &sizes, const float *extinction, Vector p,
                        Vector d, float end, float depth, int &voxel) {
     Walk walk;
@@ -231,8 +232,8 @@ struct Event {
     int row;
 };
 
-// The sunlight that is scattered once at p into the direction of the camera; `cosine` is that of the
-// angle between the line of sight and the direction towards the Sun.
+// The sunlight that is scattered once at p into the direction of the camera; `cosine` is that of
+// the angle between the line of sight and the direction towards the Sun.
 INLINE float direct(const Scene &scene, const Sizes &sizes, const Arrays &arrays,
                     const float *extinction, Event event, Vector p, float cosine) {
     float phase = 3.0f / (16.0f * PI) * (1.0f + cosine * cosine);
@@ -286,7 +287,8 @@ INLINE float followed(const Scene &scene, const Sizes &sizes, const Arrays &arra
             float drawn = -logf(1.0f - uniform(random) * (1.0f - share));
             float nearer = fminf(air_collision(scene, p.z, d.z, drawn), distance);
             Vector in_air = p + nearer * d, behind = p + distance * d;
-            radiance += (1.0f - share) * direct(scene, sizes, arrays, extinction, air, in_air, cosine);
+            radiance += (1.0f - share)
+                        * direct(scene, sizes, arrays, extinction, air, in_air, cosine);
             radiance += share * direct(scene, sizes, arrays, extinction, event, behind, cosine);
             bool continues_in_air = uniform(random) >= share;
             if (continues_in_air) event = air;

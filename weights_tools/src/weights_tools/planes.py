@@ -35,8 +35,8 @@ def on_planes(
 
     ``heights`` ``[plane]`` are those above the target. ``size`` and ``corner`` ``[n, (y, x)]``
     select rows and columns of the result of each scene, which otherwise has the size of the images.
-    ``pointing`` ``[n, v, (row, col)]`` are errors of the pointing of the cameras (pixels). Beyond its
-    edge, an image is continued with the values of the edge.
+    ``pointing`` ``[n, v, (row, col)]`` are errors of the pointing of the cameras (pixels). Beyond
+    its edge, an image is continued with the values of the edge.
     """
     scenes, count, rows, cols = images.shape
     size = size or (rows, cols)
@@ -55,7 +55,7 @@ def on_planes(
     )
 
     def along(factors: Tensor) -> Tensor:
-        """The product of the factors for x and y with the points of a plane, ``[n, v, p, y, x]``."""
+        """The product of the factors for x and y with the points, ``[n, v, plane, y, x]``."""
         at = factors[:, :, None, :, None]
         return (at[..., 0, :] * x)[..., None, :] + (at[..., 1, :] * y)[..., :, None]
 

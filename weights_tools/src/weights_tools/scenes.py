@@ -207,9 +207,7 @@ class SceneGenerator:
         simulation, recipe = self._simulations[random.choice(len(self._shares), p=self._shares)]
         return simulation, recipe.droplets_per_cm3
 
-    def _placement(
-        self, random: np.random.Generator, extent: Extent, isolated: bool
-    ) -> Placement:
+    def _placement(self, random: np.random.Generator, extent: Extent, isolated: bool) -> Placement:
         zoom = stretch = factor = 1.0
         lean = np.zeros(2)
         if random.random() < self.recipe.varied:

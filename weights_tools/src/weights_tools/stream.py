@@ -1,8 +1,8 @@
 """The pool of rendered scenes, which grows beside the training, and the batches drawn from it.
 
 Generator processes write files of scenes (*chunks*) into a folder; the training reads them as they
-appear. A chunk contains the scenes ``number * size`` to ``(number + 1) * size - 1`` of its split. An
-interrupted generator continues with the next number.
+appear. A chunk contains the scenes ``number * size`` to ``(number + 1) * size - 1`` of its split.
+An interrupted generator continues with the next number.
 """
 
 from __future__ import annotations
@@ -302,9 +302,7 @@ class Batches:
         columns = extinction.sum(1)
         places = torch.arange(whole).to(columns)
         total = columns.sum((1, 2)).clamp_min(1e-6)
-        centres = torch.stack(
-            [columns.sum(2) @ places / total, columns.sum(1) @ places / total], 1
-        )
+        centres = torch.stack([columns.sum(2) @ places / total, columns.sum(1) @ places / total], 1)
         aside = CROP_SHIFT * (2.0 * self._uniform(*centres.shape) - 1.0)
         corner = (centres + aside + 0.5 - 0.5 * size).round()
         return size, corner.clamp(0, whole - size).long()
@@ -342,14 +340,10 @@ def mirrored(values: Tensor, turns: Tensor) -> Tensor:
     return torch.where(swapped, values.transpose(-1, -2), values)
 
 
-def wait_for(
-    pool: Pool,
-    enough: Callable[[], bool],
-    alive: Callable[[], None],
-    seconds: float = 1.0,
-) -> None:
-    """Read chunks until there are enough; ``alive`` raises an error if no generator runs."""
-    while not enough():
+def wait_for(pool: Pool, scenes: int, alive: Callable[[], None], seconds: float = 1.0) -> None:
+    """Read chunks until the pool has read at least ``scenes`` scenes; ``alive`` raises an error if
+    a generator has ended."""
+    while pool.rendered < scenes:
         if not pool.update():
             alive()
             time.sleep(seconds)
