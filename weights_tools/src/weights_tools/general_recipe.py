@@ -92,10 +92,11 @@ class GeneralTrainingRecipe:
     warmup: float = 0.03
     """Fraction of the training during which the learning rate increases; it then decreases to 0
     along a cosine."""
-    frozen: float = 0.0
+    frozen: float = 0.3
     """Fraction of the training after which the batch normalisations use and keep their running
-    statistics. Those of a batch depend on its formation and on the crop, so that the network would
-    otherwise be trained with other scales than those with which it is used."""
+    statistics; those of a network with which the training starts are always kept. The statistics of
+    a batch depend on its formation and on the crop, so that the network would otherwise be trained
+    with other scales than those with which it is used."""
     leak: float = 0.03
     """Slope of the last ReLU below zero at the beginning of the training; it decreases to 0."""
     relative: tuple[float, float] = (0.3, 1.0)

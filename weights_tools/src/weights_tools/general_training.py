@@ -178,7 +178,7 @@ class GeneralTraining:
         before, start, reported = self.elapsed_s, time.monotonic(), time.monotonic()
         loss: Tensor | None = None
         while self.progress < 1.0:
-            if self.progress >= settings.frozen and not self.network.frozen:
+            if not self.network.frozen and self.progress >= settings.frozen:
                 self.step.freeze()
             batch = batches.draw()
             loss = self._smoothed(loss, self._step(batch, settings))
@@ -251,6 +251,7 @@ class GeneralTraining:
             "elapsed_s": self.elapsed_s,
             "cycle_start_s": self.cycle_start_s,
             "progress": self.progress,
+            "frozen": self.network.frozen,
             "history": self.history,
             "recipe": self.recipe.resolved(),
         }
@@ -309,6 +310,7 @@ class GeneralTraining:
             problem = f"has the architecture {vars(network.architecture)}"
             raise InputError(path, problem, "make [network] of the recipe the same")
         self.network.load_state_dict(network.state_dict())
+        self.network.frozen = True
         self.report(f"starting from {path}")
 
     def _resume(self, checkpoint: dict[str, Any]) -> None:
@@ -319,6 +321,7 @@ class GeneralTraining:
         if checkpoint["general"] != vars(self.recipe.network):
             raise InputError(path, "is of another [network]", remedy)
         self.network.load_state_dict(checkpoint["model_state_dict"])
+        self.network.frozen = checkpoint["frozen"]
         for name in ("steps", "samples", "elapsed_s", "cycle_start_s", "progress", "history"):
             setattr(self, name, checkpoint[name])
 

@@ -143,7 +143,8 @@ INLINE float part_in_voxel(const Walk &walk) {
 INLINE bool proceed(Walk &walk) {
     int a = walk.crossing[0] <= walk.crossing[1] ? 0 : 1;
     if (walk.crossing[2] < walk.crossing[a]) a = 2;
-    // Written without indices that are unknown at compile time, which would need local memory.
+    // Written out for each axis, as stores to an unknown index would need local memory. (With the
+    // comparison written out as well, NVRTC 12.9 needs 158 registers instead of 79 for sm_90.)
 #define ALONG(axis)                                                        \
     if (a == axis) {                                                       \
         walk.at = fmaxf(walk.at, walk.crossing[axis]);                     \
