@@ -130,5 +130,14 @@ class Optimizers:
     def load_state_dict(self, state: dict[str, Any]) -> None:
         for at, optimizer in enumerate(self._all):
             optimizer.load_state_dict(state[str(at)])
+            # The state may be that of a training on another kind of device.
+            for group in optimizer.param_groups:
+                group["lr"] = float(group["lr"])
+                if "capturable" in group:
+                    group["capturable"] = self._capturable
+            for parameter, values in optimizer.state.items():
+                if "step" in values:
+                    place = parameter.device if self._capturable else "cpu"
+                    values["step"] = values["step"].to(place)
         if self._capturable:
             self._use_tensors()
