@@ -174,3 +174,60 @@ def planes_metadata(altitudes_km: list[float], levels: int) -> dict:
         "image_layout": {"planes": {"altitudes_km": altitudes_km}},
         "horizontal_spacing_km": [0.05, 0.04],
     }
+
+
+def write_simulation(path: Path, times: int = 3, size: int = 48, levels: int = 40) -> Path:
+    """Write a simulation with a few round clouds, one of which crosses the periodic sides."""
+    random = np.random.default_rng(5)
+    z, y, x = np.meshgrid(*(np.arange(n) for n in (levels, size, size)), indexing="ij")
+    water = np.zeros((times, levels, size, size))
+    for time in range(times):
+        for centre in ((0, 24), (24, 12), (12, 40)):
+            radius, base = random.uniform(4.0, 7.0), random.uniform(4.0, 10.0)
+            across = [
+                (at - middle + size // 2) % size - size // 2 for at, middle in zip((y, x), centre)
+            ]
+            distance = np.sqrt(sum(at**2 for at in across) + (z - base - radius) ** 2)
+            water[time] += 0.5 * np.clip(1.0 - distance / radius, 0.0, 1.0)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with h5py.File(path, "w") as file:
+        file["lwc"] = np.round(water / 1e-3).astype(np.int16)
+        file["lwc"].attrs["scale_factor"] = 1e-3
+        file["z"] = 400.0 + 40.0 * np.arange(levels)
+    return path
+
+
+GENERAL_RECIPE = """
+kind = "general"
+
+[network]
+virtual_views = 3
+planes = 2
+width = 8
+layers = 3
+
+[scenes]
+generated = 0.0
+
+[[simulations]]
+file = "clouds.nc"
+first = 0
+last = 1
+share = 1.0
+
+[[simulations]]
+file = "clouds.nc"
+split = "validation"
+first = 2
+last = 2
+share = 1.0
+"""
+
+
+@pytest.fixture(scope="session")
+def simulations(tmp_path_factory) -> Path:
+    """A folder with a simulation, and a recipe of a small general network."""
+    folder = tmp_path_factory.mktemp("simulations")
+    write_simulation(folder / "clouds.nc")
+    (folder / "recipe.toml").write_text(GENERAL_RECIPE)
+    return folder

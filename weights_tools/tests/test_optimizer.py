@@ -48,3 +48,31 @@ def test_kernels_are_muons_and_the_rest_is_adams():
             assert moved.abs().max() <= 1e-3 * 1.01
     others = Optimizers(network, 0.0).state_dict()
     assert set(others) == {"0"} and set(optimizers.state_dict()) == {"0", "1"}
+
+
+def test_the_learning_rate_of_muon_may_be_a_tensor():
+    torch.manual_seed(4)
+    kernels = [torch.randn(4, 2, 3, 3, requires_grad=True)]
+    kernels.append(kernels[0].detach().clone().requires_grad_())
+    for kernel, rate in zip(kernels, (0.03, torch.tensor(0.03))):
+        optimizer = Muon([kernel], 0.01)
+        optimizer.param_groups[0]["lr"] = rate
+        kernel.square().sum().backward()
+        optimizer.step()
+    torch.testing.assert_close(*kernels)
+
+
+def test_a_state_from_a_gpu_is_loaded_on_the_processor():
+    network = Network([2, 4, 3])
+    optimizers = Optimizers(network, 3.0, (0.9, 0.98))
+    network(torch.rand(2, 2, 6, 6)).sum().backward()
+    optimizers.step(1e-3)
+    state = optimizers.state_dict()
+    for part in state.values():
+        for group in part["param_groups"]:
+            group["lr"] = torch.tensor(float(group["lr"]))
+    state["0"]["param_groups"][0]["capturable"] = True
+    again = Optimizers(network, 3.0, (0.9, 0.98))
+    again.load_state_dict(state)
+    again.step(1e-3)
+    assert again.learning_rate == 1e-3

@@ -259,7 +259,8 @@ def test_recipes_that_ship_are_valid():
     from pathlib import Path
 
     folder = Path(__file__).parents[1] / "recipes"
-    formations = {path.stem: load_recipe(path).formation for path in folder.glob("*.toml")}
+    paths = [path for path in folder.glob("*.toml") if not path.stem.startswith("general")]
+    formations = {path.stem: load_recipe(path).formation for path in paths}
     assert set(formations.values()) == {"cloudct-10", "pearls-32"}
     assert all(name.startswith(formation) for name, formation in formations.items())
     assert len(formations) == 4

@@ -1,24 +1,21 @@
-"""The command line: ``weights_tools generate | train | baselines | export | check``."""
+"""The command line: ``weights_tools VERB``, with the verbs ``generate``, ``train``, ``scenes``,
+``pack``, ``calibrate``, ``baselines``, ``export`` and ``check``."""
 
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-
-import torch
+from typing import Any
 
 import weights_tools
-from weights_tools.baselines import baselines
-from weights_tools.check import SIZES, check, engines
-from weights_tools.dataset import load_dataset
-from weights_tools.distributed import processes
 from weights_tools.errors import InputError
-from weights_tools.export import export, read_metadata
-from weights_tools.recipe import load_recipe
-from weights_tools.training import Training
+
+# The modules of each command are imported when it runs, as a machine for training may not have the
+# packages that the other commands require.
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -59,12 +56,53 @@ def _parser() -> argparse.ArgumentParser:
 
     train = verbs.add_parser("train", help="train a network, or resume an interrupted training")
     train.add_argument("recipe", type=Path, help="TOML file, see recipes/")
-    train.add_argument("--dataset", type=Path, required=True, help="folder of `deepct dataset`")
+    source = train.add_mutually_exclusive_group(required=True)
+    source.add_argument("--dataset", type=Path, help="folder of `deepct dataset`")
+    source.add_argument(
+        "--simulations", type=Path, help="folder of simulations, for a general network"
+    )
     train.add_argument("--out", type=Path, required=True, help="folder of checkpoints and curves")
     train.add_argument("--start", type=Path, help="checkpoint with the initial parameters")
     train.add_argument("--minutes", type=_positive, help="maximum total duration of the training")
     train.add_argument("--threads", type=int, help="CPU threads of each process (default: all)")
+    general = train.add_argument_group("general networks")
+    general.add_argument(
+        "--further", type=_positive, metavar="MINUTES", help="duration in addition to that so far"
+    )
+    general.add_argument("--pool", type=Path, help="folder of the scenes (default: OUT/pool)")
+    general.add_argument(
+        "--generators", type=int, default=1, help="processes that make scenes (default: 1)"
+    )
+    _add_renderer(general)
     train.set_defaults(run=_train)
+
+    scenes = verbs.add_parser("scenes", help="make scenes for the training of a general network")
+    scenes.add_argument("recipe", type=Path, help="TOML file of a general network")
+    scenes.add_argument("--simulations", type=Path, required=True, help="folder of simulations")
+    scenes.add_argument("--out", type=Path, required=True, help="folder of the pool")
+    scenes.add_argument(
+        "--part", type=_part, default=(0, 1), metavar="I/N", help="generator I of N, from 0"
+    )
+    scenes.add_argument("--chunks", type=_count, help="end after this number of files")
+    scenes.add_argument("--parent", type=int, help="end when this process has ended")
+    _add_renderer(scenes)
+    scenes.set_defaults(run=_scenes)
+
+    pack = verbs.add_parser("pack", help="all that a training on another machine needs")
+    pack.add_argument("recipe", type=Path, help="TOML file of a general network")
+    pack.add_argument("--simulations", type=Path, required=True, help="folder of simulations")
+    pack.add_argument("--out", type=Path, required=True, help="new folder")
+    pack.add_argument("--start", type=Path, help="checkpoint with the initial parameters")
+    pack.add_argument("--small", action="store_true", help="for `run.sh MINUTES OUT --small` only")
+    pack.set_defaults(run=_pack)
+
+    adjust = verbs.add_parser(
+        "calibrate", help="correct the expected error of a general network by that found"
+    )
+    adjust.add_argument("weights", type=Path, help="weights file of a general network")
+    adjust.add_argument("--pool", type=Path, required=True, help="folder of a training's scenes")
+    adjust.add_argument("--out", type=Path, required=True, help="weights file to write")
+    adjust.set_defaults(run=_calibrate)
 
     trivial = verbs.add_parser("baselines", help="scores of estimates without a network")
     trivial.add_argument("recipe", type=Path, help="TOML file that gives the views and the noise")
@@ -85,6 +123,11 @@ def _parser() -> argparse.ArgumentParser:
         metavar="SHARE",
         help="remove this share (0 to 1) of the mean delta of the scores (without a number: 1)",
     )
+    convert.add_argument(
+        "--extremes",
+        action="store_true",
+        help="extend a general network by the minimum and maximum over the views, unused at first",
+    )
     convert.set_defaults(run=_export)
 
     compare = verbs.add_parser(
@@ -96,6 +139,28 @@ def _parser() -> argparse.ArgumentParser:
     compare.add_argument("--seed", type=int, default=1, help="seed of the random images")
     compare.set_defaults(run=_check)
     return parser
+
+
+def _add_renderer(parser: argparse._ActionsContainer) -> None:
+    parser.add_argument(
+        "--renderer",
+        choices=("auto", "ordinates", "monte-carlo", "photon-paths"),
+        default="auto",
+        help="solver of deepct_py, or the Monte Carlo program of this package (default: the latter "
+        "on a GPU and without deepct_py, otherwise ordinates)",
+    )
+    parser.add_argument(
+        "--paths", type=_count, default=1024, help="photon paths of a pixel (default: 1024)"
+    )
+    parser.add_argument("--small", action="store_true", help="few small scenes, for a test")
+
+
+def _part(text: str) -> tuple[int, int]:
+    number, _, count = text.partition("/")
+    part = int(number), int(count)
+    if not 0 <= part[0] < part[1]:
+        raise argparse.ArgumentTypeError(f"{text} is not I/N with I from 0 to N - 1")
+    return part
 
 
 def _positive(text: str) -> float:
@@ -132,8 +197,22 @@ def _generate(options: argparse.Namespace) -> int:
 
 
 def _train(options: argparse.Namespace) -> int:
+    import torch
+
+    from weights_tools.general_recipe import is_general_recipe
+
     if options.threads is not None:
         torch.set_num_threads(options.threads)
+    if is_general_recipe(options.recipe):
+        return _train_general(options)
+    if options.dataset is None:
+        remedy = "give --dataset instead"
+        raise InputError("--simulations", "is for recipes of general networks", remedy)
+    from weights_tools.dataset import load_dataset
+    from weights_tools.distributed import processes
+    from weights_tools.recipe import load_recipe
+    from weights_tools.training import Training
+
     recipe = load_recipe(options.recipe)
     data = load_dataset(options.dataset, recipe.formation)
     with processes() as ours:
@@ -148,7 +227,79 @@ def _train(options: argparse.Namespace) -> int:
     return 0
 
 
+def _train_general(options: argparse.Namespace) -> int:
+    import torch
+
+    from weights_tools.general_training import GeneralTraining, Generators
+
+    if options.simulations is None:
+        remedy = "give --simulations instead"
+        raise InputError("--dataset", "is for recipes of one formation", remedy)
+    recipe = _general_recipe(options)
+    device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
+    generators = Generators(
+        options.recipe,
+        options.simulations,
+        options.generators,
+        options.renderer,
+        options.paths,
+        options.small,
+        options.pool,
+    )
+    report = partial(print, flush=True)
+    training = GeneralTraining(recipe, options.out, generators, device, report, options.start)
+    minutes = options.minutes or recipe.training.minutes
+    if options.further is not None:
+        minutes = training.elapsed_s / 60.0 + options.further
+    training.run(minutes)
+    return 0
+
+
+def _general_recipe(options: argparse.Namespace) -> Any:
+    from weights_tools.general_recipe import load_general_recipe
+    from weights_tools.general_training import small
+
+    recipe = load_general_recipe(options.recipe)
+    return small(recipe) if options.small else recipe
+
+
+def _scenes(options: argparse.Namespace) -> int:
+    from weights_tools.renderers import renderer_of
+    from weights_tools.stream import generate
+
+    recipe = _general_recipe(options)
+    paths = 8 if options.small else options.paths
+    renderer = renderer_of(options.renderer, paths)
+    lines = generate(recipe, options.simulations, options.out, renderer, options.part)
+    for number, line in enumerate(lines, 1):
+        print(line, flush=True)
+        ended = options.parent is not None and os.getppid() != options.parent
+        if ended or number == options.chunks:
+            break
+    return 0
+
+
+def _pack(options: argparse.Namespace) -> int:
+    from weights_tools.pack import pack
+
+    recipe = _general_recipe(options)
+    for line in pack(recipe, options.recipe, options.simulations, options.out, options.start):
+        print(line, flush=True)
+    return 0
+
+
+def _calibrate(options: argparse.Namespace) -> int:
+    from weights_tools.calibrate import calibrate
+
+    calibrate(options.weights, options.pool, options.out, print)
+    return 0
+
+
 def _baselines(options: argparse.Namespace) -> int:
+    from weights_tools.baselines import baselines
+    from weights_tools.dataset import load_dataset
+    from weights_tools.recipe import load_recipe
+
     recipe = load_recipe(options.recipe)
     data = load_dataset(options.dataset, recipe.formation)
     answers = baselines(data, recipe.training.seed, recipe.sensor, options.deepct)
@@ -158,13 +309,25 @@ def _baselines(options: argparse.Namespace) -> int:
 
 
 def _export(options: argparse.Namespace) -> int:
+    from weights_tools.export import export, is_onnx, read_metadata
+    from weights_tools.general_file import export_general, is_general
+
     changes = read_metadata(options.metadata) if options.metadata else {}
+    if not is_onnx(options.out) and is_general(options.checkpoint):
+        export_general(options.checkpoint, options.out, changes, options.unbiased, options.extremes)
+        print(f"wrote {options.out}")
+        return 0
+    if options.extremes:
+        remedy = "leave --extremes out"
+        raise InputError(options.checkpoint, "is not of a general network", remedy)
     export(options.checkpoint, options.out, changes, options.unbiased)
     print(f"wrote {options.out}")
     return 0
 
 
 def _check(options: argparse.Namespace) -> int:
+    from weights_tools.check import SIZES, check, engines
+
     same = True
     for engine in engines(options.weights, options.deepct):
         errors = check(options.checkpoint, options.weights, engine, options.seed)

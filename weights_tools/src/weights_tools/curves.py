@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import io
 import math
 from pathlib import Path
@@ -11,15 +10,6 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from weights_tools.checkpoint import write_whole
-
-
-def write_table(history: list[dict[str, float]], folder: Path) -> None:
-    """Write ``curves.csv`` with one row for each epoch."""
-    table = io.StringIO(newline="")
-    writer = csv.DictWriter(table, fieldnames=list(history[0]))
-    writer.writeheader()
-    writer.writerows(history)
-    write_whole(folder / "curves.csv", table.getvalue().encode())
 
 
 def write_picture(history: list[dict[str, float]], folder: Path) -> None:

@@ -6,6 +6,10 @@ from torch import Tensor
 
 _VOLUME = (-3, -2, -1)
 
+LEAST_CLOUD = 0.1
+"""Lower limit of the sum by which the error of a cloud is divided in a loss, as a crop may contain
+only a small part of the cloud."""
+
 
 def relative_error(truth: Tensor, estimate: Tensor) -> Tensor:
     """``epsilon = ||truth - estimate||_1 / ||truth||_1`` of each volume ``[..., z, y, x]``."""

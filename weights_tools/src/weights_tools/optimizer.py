@@ -40,7 +40,11 @@ class Muon(torch.optim.Optimizer):
                 mean = state["mean_gradient"].lerp_(kernel.grad, 1.0 - MOMENTUM)
                 ahead = kernel.grad.lerp(mean, MOMENTUM)
                 direction = nearest_orthogonal(ahead.flatten(1)).view_as(kernel)
-                kernel.add_(direction, alpha=-group["lr"])
+                rate = group["lr"]
+                if isinstance(rate, Tensor):
+                    kernel.sub_(direction * rate)
+                else:
+                    kernel.add_(direction, alpha=-rate)
 
 
 def nearest_orthogonal(matrix: Tensor) -> Tensor:
@@ -59,22 +63,36 @@ def nearest_orthogonal(matrix: Tensor) -> Tensor:
 class Optimizers:
     """The optimizers of a network: Adam alone, or Adam together with Muon for the kernels."""
 
-    def __init__(self, network: nn.Module, muon_share: float) -> None:
+    def __init__(
+        self,
+        network: nn.Module,
+        muon_share: float,
+        betas: tuple[float, float] = (0.9, 0.999),
+        capturable: bool = False,
+    ) -> None:
         """``muon_share`` is the learning rate of Muon divided by that of Adam; with 0, Adam
-        optimises the kernels as well."""
+        optimises the kernels as well. ``betas`` are the weights of the moving means of Adam. With
+        ``capturable``, the learning rates are tensors, so that :meth:`apply` can be part of a CUDA
+        graph."""
         kernels = [part for part in network.parameters() if part.ndim == 4]
         others = [part for part in network.parameters() if part.ndim != 4]
         self._rates = [1.0]
+        settings: dict[str, Any] = {"betas": betas, "capturable": capturable}
         if muon_share == 0.0:
-            self._all: list[torch.optim.Optimizer] = [torch.optim.Adam(network.parameters())]
+            self._all: list[torch.optim.Optimizer] = [
+                torch.optim.Adam(network.parameters(), **settings)
+            ]
         else:
-            self._all = [torch.optim.Adam(others), Muon(kernels, muon_share)]
+            self._all = [torch.optim.Adam(others, **settings), Muon(kernels, muon_share)]
             self._rates.append(muon_share)
+        self._capturable = capturable
+        if capturable:
+            self._use_tensors()
 
     @property
     def learning_rate(self) -> float:
         """The learning rate of Adam in the last step."""
-        return self._all[0].param_groups[0]["lr"]
+        return float(self._all[0].param_groups[0]["lr"])
 
     def zero_grad(self) -> None:
         for optimizer in self._all:
@@ -82,10 +100,28 @@ class Optimizers:
 
     def step(self, learning_rate: float) -> None:
         """Take one step; ``learning_rate`` is that of Adam."""
+        self.set_rate(learning_rate)
+        self.apply()
+
+    def set_rate(self, learning_rate: float) -> None:
+        """Set the learning rate of the following steps; it is that of Adam."""
         for optimizer, factor in zip(self._all, self._rates):
             for group in optimizer.param_groups:
-                group["lr"] = factor * learning_rate
+                if isinstance(group["lr"], Tensor):
+                    group["lr"].fill_(factor * learning_rate)
+                else:
+                    group["lr"] = factor * learning_rate
+
+    def apply(self) -> None:
+        """Take one step with the learning rate that was set."""
+        for optimizer in self._all:
             optimizer.step()
+
+    def _use_tensors(self) -> None:
+        for optimizer in self._all:
+            for group in optimizer.param_groups:
+                device = group["params"][0].device
+                group["lr"] = torch.tensor(float(group["lr"]), device=device)
 
     def state_dict(self) -> dict[str, Any]:
         """The state of each optimizer, by its number."""
@@ -94,3 +130,14 @@ class Optimizers:
     def load_state_dict(self, state: dict[str, Any]) -> None:
         for at, optimizer in enumerate(self._all):
             optimizer.load_state_dict(state[str(at)])
+            # The state may be that of a training on another kind of device.
+            for group in optimizer.param_groups:
+                group["lr"] = float(group["lr"])
+                if "capturable" in group:
+                    group["capturable"] = self._capturable
+            for parameter, values in optimizer.state.items():
+                if "step" in values:
+                    place = parameter.device if self._capturable else "cpu"
+                    values["step"] = values["step"].to(place)
+        if self._capturable:
+            self._use_tensors()

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import asdict, dataclass, field, fields, is_dataclass
+from collections.abc import Iterable
+from dataclasses import MISSING, asdict, dataclass, field, fields, is_dataclass
 from pathlib import Path
-from typing import Any, get_type_hints
+from typing import Any, get_args, get_origin, get_type_hints
 
 from weights_tools.errors import InputError
 from weights_tools.model import constant_channels, growing_channels
@@ -154,26 +155,35 @@ def load_recipe(path: str | Path) -> Recipe:
     and a value of the wrong type or out of range.
     """
     path = Path(path)
-    try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as problem:
-        raise InputError(path, problem.strerror or "cannot be read", "name a recipe") from None
-    except ValueError as problem:
-        raise InputError(path, f"is not TOML ({problem})", "correct it") from None
-    recipe = _build(Recipe, table, path, "")
+    recipe = build(Recipe, read_toml(path), path)
     _check(recipe, path)
     return recipe
 
 
-def _build(kind: type, table: dict[str, Any], path: Path, prefix: str) -> Any:
+def read_toml(path: Path) -> dict[str, Any]:
+    """The table of a TOML file. Raises :class:`InputError` if it is missing or not TOML."""
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as problem:
+        raise InputError(path, problem.strerror or "cannot be read", "name a recipe") from None
+    except ValueError as problem:
+        raise InputError(path, f"is not TOML ({problem})", "correct it") from None
+
+
+def build(kind: type, table: dict[str, Any], path: Path, prefix: str = "") -> Any:
+    """A dataclass from a table of the file ``path``; ``prefix`` is the name of the table.
+
+    Raises :class:`InputError` for an unknown or missing key, or a value of the wrong type.
+    """
     types = get_type_hints(kind)
     for key in table:
         if key not in types:
             remedy = f"the keys are {', '.join(sorted(types))}"
             raise InputError(path, f"has an unknown key {prefix}{key}", remedy)
-    required = {"formation"} & set(types)
-    for key in required - set(table):
-        raise InputError(path, f"has no key {prefix}{key}", 'give it, for example "cloudct-10"')
+    for each in fields(kind):
+        if each.name not in table and each.default is MISSING and each.default_factory is MISSING:
+            example = ', for example "cloudct-10"' if each.name == "formation" else ""
+            raise InputError(path, f"has no key {prefix}{each.name}", f"give it{example}")
     values = {
         key: _value(types[key], value, path, f"{prefix}{key}") for key, value in table.items()
     }
@@ -187,13 +197,33 @@ def _value(kind: type, value: Any, path: Path, key: str) -> Any:
     if is_dataclass(kind):
         if not isinstance(value, dict):
             raise InputError(path, f"{key} is not a table", f"write [{key}]")
-        return _build(kind, value, path, f"{key}.")
+        return build(kind, value, path, f"{key}.")
+    if get_origin(kind) is tuple:
+        return _values(get_args(kind), value, path, key)
     if kind is float and type(value) is int:
         value = float(value)
     if type(value) is not kind:
         problem = f"{key} is {value!r}, which is not of type {kind.__name__}"
         raise InputError(path, problem, "correct it")
     return value
+
+
+def _values(kinds: tuple[Any, ...], value: Any, path: Path, key: str) -> tuple[Any, ...]:
+    """A list with values of the given types, or of any length if the second one is ``...``."""
+    repeated = kinds[1:] == (...,)
+    if not isinstance(value, list) or not (repeated or len(value) == len(kinds)):
+        length = "" if repeated else f" of {len(kinds)} values"
+        raise InputError(path, f"{key} is not a list{length}", "correct it")
+    types = kinds[:1] * len(value) if repeated else kinds
+    names = (f"{key}[{index}]" for index in range(len(value)))
+    return tuple(_value(kind, each, path, name) for kind, each, name in zip(types, value, names))
+
+
+def check_limits(limits: Iterable[tuple[str, bool, str]], path: Path) -> None:
+    """Raise :class:`InputError` for the first key that does not hold its rule."""
+    for key, holds, rule in limits:
+        if not holds:
+            raise InputError(path, f"{key} is out of range", f"make it {rule}")
 
 
 def _check(recipe: Recipe, path: Path) -> None:
@@ -230,6 +260,4 @@ def _check(recipe: Recipe, path: Path) -> None:
             "not zero for all of the extinction",
         ),
     )
-    for key, holds, rule in limits:
-        if not holds:
-            raise InputError(path, f"{key} is out of range", f"make it {rule}")
+    check_limits(limits, path)

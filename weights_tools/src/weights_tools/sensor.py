@@ -55,28 +55,35 @@ class Sensor:
         return electrons + self.dark_charge + self.read_noise**2 + quantisation
 
     def sense(
-        self, radiance: Tensor, generator: torch.Generator, brightest: Tensor | None = None
+        self,
+        radiance: Tensor,
+        generator: torch.Generator,
+        brightest: Tensor | None = None,
+        normal: bool = False,
     ) -> Tensor:
         """The measured radiance for noise-free ``radiance`` ``[..., view, row, col]``.
 
         The brightest pixel over all views of a scene reaches the full-well capacity; ``brightest``
         ``[..., 1, 1, 1]`` is its radiance if it is not among these pixels. The mean dark charge is
-        subtracted, so that the value of a dark pixel can be slightly negative.
+        subtracted, so that the value of a dark pixel can be slightly negative. With ``normal``, all
+        numbers of electrons are normally distributed, which a GPU computes without interruption.
         """
         if brightest is None:
             brightest = radiance.amax((-3, -2, -1), keepdim=True)
         scale = self.full_well / brightest
-        charge = _arrivals(radiance * scale + self.dark_charge, generator)
+        charge = _arrivals(radiance * scale + self.dark_charge, generator, normal)
         noise = torch.randn(radiance.shape, generator=generator, device=radiance.device)
         gain = self.electrons_per_count
         counts = ((charge + self.read_noise * noise) / gain).round_().clamp_(0, 2**self.bits - 1)
         return (counts * gain - self.dark_charge) / scale
 
 
-def _arrivals(mean: Tensor, generator: torch.Generator) -> Tensor:
+def _arrivals(mean: Tensor, generator: torch.Generator, normal: bool) -> Tensor:
     """Numbers of electrons drawn from Poisson distributions with the given means."""
     noise = torch.randn(mean.shape, generator=generator, device=mean.device)
     charge = mean.addcmul(mean.sqrt(), noise)
+    if normal:
+        return charge
     few = mean < MANY
     charge[few] = torch.poisson(mean[few], generator=generator)
     return charge

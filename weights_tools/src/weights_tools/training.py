@@ -11,18 +11,19 @@ import torch
 from torch import Tensor
 
 from weights_tools.checkpoint import load_checkpoint, save_checkpoint
-from weights_tools.curves import best_epoch, write_picture, write_table
+from weights_tools.curves import best_epoch, write_picture
 from weights_tools.dataset import Dataset, Samples
 from weights_tools.distributed import Processes
 from weights_tools.errors import InputError
 from weights_tools.lift import lift_of
-from weights_tools.metrics import mass_error, relative_error
+from weights_tools.metrics import LEAST_CLOUD, mass_error, relative_error
 from weights_tools.model import Network
 from weights_tools.neighbours import Neighbours
 from weights_tools.optimizer import Optimizers
 from weights_tools.recipe import LossRecipe, Recipe, TrainingRecipe, completed
 from weights_tools.sensor import Sensor
 from weights_tools.shift import Shifter
+from weights_tools.table import write_table
 
 LAST = "last.pt"
 """Checkpoint of the last complete epoch, from which a training is resumed."""
@@ -31,10 +32,6 @@ BEST = "best.pt"
 
 EPOCHS_PER_PICTURE = 10
 """Number of epochs after which the figure of the learning curves is updated."""
-
-LEAST_CLOUD = 0.1
-"""Lower limit of the sum by which the error of a cloud is divided, as a crop may contain only a
-small part of the cloud."""
 
 _VALIDATION_NOISE = -1
 
