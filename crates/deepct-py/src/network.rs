@@ -125,8 +125,8 @@ impl Network {
     ///     "background" and "brightest": the radiance below which a tenth of all pixels lies and
     ///     the largest radiance, over the cosine of the solar zenith angle (1/sr). "equal": the
     ///     largest share of the pixels of a view that have the largest radiance of the view.
-    ///     "agreement": the mean correlation of each image with the mean of the others, on the
-    ///     horizontal plane where it is largest.
+    ///     "agreement", or "agreement_of_few" for at most five views: the mean correlation of each
+    ///     image with the mean of the others, on the horizontal plane where it is largest.
     #[pyo3(signature = (radiance, views, light = None, *, grid = None))]
     fn image_statistics(
         &self,

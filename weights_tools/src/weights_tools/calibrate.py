@@ -32,8 +32,10 @@ SIZE = 32
 BINS = 8
 """Number of pairs of the calibration, each for an equal number of images."""
 
+USUAL = 0.01
+"""Share of the images below and above the typical range of a statistic, before the margin."""
 MARGIN = 0.1
-"""Share of the range of a statistic by which the typical range is wider on both sides."""
+"""Relative margin of the typical range."""
 
 _PEARLS = len(PEARLS_32_DEG)
 FORMATIONS: tuple[tuple[bool, tuple[int, ...]], ...] = (
@@ -78,10 +80,10 @@ def calibrate(
         pairs.append(tuple(means))
         report(f"expected {pairs[-1][0]:.3f}, found {pairs[-1][1]:.3f}")
     typical = {}
-    for name in results[0].statistics:
-        values = [result.statistics[name] for result in results]
-        margin = MARGIN * (max(values) - min(values))
-        typical[name] = (min(values) - margin, max(values) + margin)
+    for name in sorted({name for result in results for name in result.statistics}):
+        values = [each.statistics[name] for each in results if name in each.statistics]
+        low, high = np.quantile(values, [USUAL, 1.0 - USUAL])
+        typical[name] = (float((1.0 - MARGIN) * low), float((1.0 + MARGIN) * high))
         report(f"{name}: {typical[name][0]:.4f} to {typical[name][1]:.4f}")
     described = replace(bare, calibration=pairs, typical=typical)
     write_general_weights(output, replace(weights, description=described))
@@ -97,7 +99,7 @@ def _results(weights: GeneralWeights, pool: Path) -> Iterator[Found]:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, "weights.safetensors")
         write_general_weights(path, weights)
-        network = deepct.Network.load(path)
+        network = deepct.Network.load(path, force=True)
     target = (0.0, 0.0, 1.0)
     spacing = (VOXEL_KM, VOXEL_KM, LEVEL_KM)
     corner = tuple(at - 0.5 * SIZE * step for at, step in zip(target, spacing))

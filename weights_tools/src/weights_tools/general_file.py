@@ -26,7 +26,7 @@ RANGES = {
     "views": (3.0, 40.0),
     "view_zenith_deg": (0.0, 76.0),
     "sun_zenith_deg": (0.0, 70.0),
-    "pixel_per_voxel": (0.3, 3.0),
+    "pixel_per_voxel": (0.1, 6.0),
     "voxel_km": (0.015, 0.15),
     "wavelength_um": (0.63, 0.71),
 }

@@ -19,6 +19,10 @@ VIEW_FEATURES = 18
 SCENE_FEATURES = 9
 """Number of features of a scene."""
 
+FINEST_PIXEL = 0.9
+"""Lower limit of the size of a pixel (voxels) in the features. ``deepct`` averages much smaller
+pixels over a voxel, and a training has none."""
+
 STEEPEST = 4.0
 """Limit of the components of the tangent of a view in the features (76 degrees)."""
 
@@ -141,7 +145,7 @@ def view_features(views: Views, scene: Tensor) -> Tensor:
             cosine,
             2.0 * cosine.square() - 1.0,
             (half / half.norm(dim=-1, keepdim=True))[..., 2:],
-            views.pixel[..., None] - 1.0,
+            views.pixel[..., None].clamp_min(FINEST_PIXEL) - 1.0,
             scene[:, None, 3:].expand(-1, towards.shape[1], -1),
         ],
         -1,

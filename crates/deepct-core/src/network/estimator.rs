@@ -198,7 +198,8 @@ impl Estimator {
         Ok(outside.collect())
     }
 
-    /// Statistics of images by name: `background`, `brightest`, `equal` and `agreement`. The first
+    /// Statistics of images by name: `background`, `brightest`, `equal`, and `agreement`, which is
+    /// called `agreement_of_few` for at most five views. The first
     /// two are the radiance below which a tenth of all pixels lies and the largest radiance, over
     /// the cosine of the solar zenith angle. The third is the largest share of the pixels of a view
     /// that have the largest radiance of the view. The last is the mean correlation of each image

@@ -10,6 +10,11 @@ use std::collections::BTreeMap;
 /// Share of the pixels that are darker than the background.
 const DARK_SHARE: f64 = 0.1;
 
+/// The agreement of many views, and that of at most [`FEW`], which may be lower.
+const AGREEMENT: &str = "agreement";
+const AGREEMENT_OF_FEW: &str = "agreement_of_few";
+const FEW: usize = 5;
+
 /// Largest number of pixels along an axis that is used for the agreement of the views.
 const MOST_LINES: usize = 64;
 
@@ -40,7 +45,9 @@ fn meaning(name: &str) -> &str {
         }
         "brightest" => "the largest radiance over the cosine of the solar zenith angle",
         "equal" => "the largest share of a view's pixels that all have its largest radiance",
-        "agreement" => "the correlation of the views on the plane where they agree best",
+        AGREEMENT | AGREEMENT_OF_FEW => {
+            "the correlation of the views on the plane where they agree best"
+        }
         other => other,
     }
 }
@@ -52,8 +59,9 @@ fn meaning(name: &str) -> &str {
 ///   Images in other units have other values.
 /// - `equal`: the largest share of the pixels of a view that have the largest radiance of the view.
 ///   It is large if the sensor is saturated.
-/// - `agreement`: on the horizontal plane where it is largest, the mean correlation of each image
-///   with the mean of the others. It is low if the geometry is not that of the images.
+/// - `agreement`, or `agreement_of_few` for at most five views: on the horizontal plane where it is
+///   largest, the mean correlation of each image with the mean of the others. It is low if the
+///   geometry is not that of the images.
 ///
 /// # Errors
 /// An image geometry that the network does not support.
@@ -72,11 +80,12 @@ pub(super) fn image_statistics(
         let largest = image.iter().copied().fold(f32::NEG_INFINITY, f32::max);
         image.iter().filter(|value| **value == largest).count() as f64 / image.len() as f64
     });
+    let agreed = if images.shape()[0] <= FEW { AGREEMENT_OF_FEW } else { AGREEMENT };
     Ok(BTreeMap::from([
         ("background".into(), background),
         ("brightest".into(), f64::from(images.brightest()) / sun),
         ("equal".into(), equal.fold(0.0, f64::max)),
-        ("agreement".into(), agreement(network, images, geometry, grid)?),
+        (agreed.into(), agreement(network, images, geometry, grid)?),
     ]))
 }
 

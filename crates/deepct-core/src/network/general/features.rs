@@ -13,6 +13,10 @@ pub(super) const SCENE_FEATURES: usize = 9;
 /// Largest tangent of the zenith angle along x and along y that is told apart.
 const LARGEST_TANGENT: f64 = 4.0;
 
+/// Lower limit of the size of a pixel (voxels) that is told apart: much smaller pixels are averaged
+/// over a voxel, and a training has none.
+const FINEST_PIXEL: f64 = 0.9;
+
 /// The features of a geometry; most have a range of about -1 to 1.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Features {
@@ -75,7 +79,7 @@ impl Features {
                 cosine,
                 2.0 * cosine * cosine - 1.0,
                 (to + sun).normalize().z,
-                geometry.pixel_km[view] / voxel_km - 1.0,
+                (geometry.pixel_km[view] / voxel_km).max(FINEST_PIXEL) - 1.0,
                 0.0,
                 0.0,
                 0.0,
