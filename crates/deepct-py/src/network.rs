@@ -125,8 +125,9 @@ impl Network {
     ///     "background" and "brightest": the radiance below which a tenth of all pixels lies and
     ///     the largest radiance, over the cosine of the solar zenith angle (1/sr). "equal": the
     ///     largest share of the pixels of a view that have the largest radiance of the view.
-    ///     "agreement", or "agreement_of_few" for at most five views: the mean correlation of each
-    ///     image with the mean of the others, on the horizontal plane where it is largest.
+    ///     "explained", or "explained_few" for at most five views: the mean over the views of the
+    ///     correlation of the image with 1 - exp(-t / 8), where t is the optical depth of the
+    ///     estimate along the lines of sight.
     #[pyo3(signature = (radiance, views, light = None, *, grid = None))]
     fn image_statistics(
         &self,

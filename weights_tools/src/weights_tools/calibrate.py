@@ -32,9 +32,9 @@ SIZE = 32
 BINS = 8
 """Number of pairs of the calibration, each for an equal number of images."""
 
-USUAL = 0.01
+USUAL = 0.02
 """Share of the images below and above the typical range of a statistic, before the margin."""
-MARGIN = 0.1
+MARGIN = 0.05
 """Relative margin of the typical range."""
 
 _PEARLS = len(PEARLS_32_DEG)

@@ -198,12 +198,15 @@ impl Estimator {
         Ok(outside.collect())
     }
 
-    /// Statistics of images by name: `background`, `brightest`, `equal`, and `agreement`, which is
-    /// called `agreement_of_few` for at most five views. The first
-    /// two are the radiance below which a tenth of all pixels lies and the largest radiance, over
-    /// the cosine of the solar zenith angle. The third is the largest share of the pixels of a view
-    /// that have the largest radiance of the view. The last is the mean correlation of each image
-    /// with the mean of the others, on the horizontal plane where it is largest.
+    /// Statistics of images by name, for general weights:
+    ///
+    /// - `background` and `brightest`: the radiance below which a tenth of all pixels lies, and the
+    ///   largest one, over the cosine of the solar zenith angle (1/sr for a solar irradiance of 1);
+    /// - `equal`: the largest share of the pixels of a view that have the largest radiance of the
+    ///   view;
+    /// - `explained`, or `explained_few` for at most five views: the mean over the views of the
+    ///   correlation of the image with `1 - exp(-t / 8)`, where `t` is the optical depth of the
+    ///   estimate along the lines of sight.
     ///
     /// # Errors
     /// As [`Estimator::estimate`]; weights for one formation.
@@ -221,7 +224,8 @@ impl Estimator {
         let own = self.grid(geometry, [rows, cols])?;
         let inner = inner_grid(weights, grid.unwrap_or(&own))?;
         let network = self.network(geometry, &inner)?;
-        image_statistics(&network, images, geometry, &inner)
+        let extinction = self.estimate(images, geometry, Some(&inner))?.extinction;
+        image_statistics(&network, images, geometry, &extinction)
     }
 
     /// The network for a geometry and a grid of its own voxels and levels.

@@ -177,16 +177,16 @@ impl Network {
         self.run_on(input, [rows, cols], field, output, scratch)
     }
 
-    /// The images on the planes, `[plane, view, row, col]`, scaled; empty if the network reads the
-    /// images as recorded by the cameras.
-    pub(super) fn planes(&self, images: &ViewStack, field: Field) -> Result<Vec<f32>> {
+    /// The images on the plane of the target, `[view, row, col]`, scaled; empty if the network reads
+    /// the images as recorded by the cameras.
+    pub(super) fn on_target(&self, images: &ViewStack, field: Field) -> Result<Vec<f32>> {
         let Some(resampler) = &self.resampler else { return Ok(Vec::new()) };
         let [_, rows, cols] = images.shape();
         let radiance = images.values.as_standard_layout();
         let radiance = radiance.as_slice().expect("standard layout is contiguous");
         let mut ground = vec![0.0; resampler.ground_len([1, field.size[0], field.size[1]])?];
         resampler.resample(radiance, [rows, cols], field, &mut ground);
-        Ok(resampler.planes(&ground, field.size))
+        Ok(resampler.without_margin(&ground, field.size))
     }
 
     /// As [`Network::run`], for images of `[rows, cols]` pixels and any field.

@@ -179,19 +179,13 @@ impl PlaneResampler {
         }
     }
 
-    /// The images on all planes, `[plane, view, row, col]`, from those on the ground.
-    pub(super) fn planes(&self, ground: &[f32], size: [usize; 2]) -> Vec<f32> {
-        let [long, wide] = self.ground_size(size);
-        let planes = self.views[0].offsets.len();
-        let mut values = Vec::with_capacity(planes * self.views.len() * size[0] * size[1]);
-        for plane in 0..planes {
-            for (view, ground) in self.views.iter().zip(ground.chunks_exact(long * wide)) {
-                let [first, col] = view.offsets[plane];
-                let rows = ground.chunks_exact(wide).skip(first).take(size[0]);
-                values.extend(rows.flat_map(|row| &row[col..][..size[1]]));
-            }
-        }
-        values
+    /// The images on the plane of the target, `[view, row, col]`, from those with a margin. Rows that
+    /// no plane reads are 0.
+    pub(super) fn without_margin(&self, ground: &[f32], size: [usize; 2]) -> Vec<f32> {
+        let ([long, wide], [first, col]) = (self.ground_size(size), self.margin);
+        let images = ground.chunks_exact(long * wide);
+        let rows = images.flat_map(|image| image.chunks_exact(wide).skip(first).take(size[0]));
+        rows.flat_map(|row| &row[col..][..size[1]]).copied().collect()
     }
 
     /// The input of the first layer from the images on the ground.

@@ -3,20 +3,20 @@
 use super::Network;
 use super::resample::Field;
 use crate::error::Result;
-use crate::grid::Grid;
+use crate::grid::Volume;
 use crate::image::{ImagingGeometry, ViewStack};
 use std::collections::BTreeMap;
 
 /// Share of the pixels that are darker than the background.
 const DARK_SHARE: f64 = 0.1;
 
-/// The agreement of many views, and that of at most [`FEW`], which may be lower.
-const AGREEMENT: &str = "agreement";
-const AGREEMENT_OF_FEW: &str = "agreement_of_few";
+/// How well many views are explained, and at most [`FEW`], for which it may be less.
+const EXPLAINED: &str = "explained";
+const EXPLAINED_FEW: &str = "explained_few";
 const FEW: usize = 5;
 
-/// Largest number of pixels along an axis that is used for the agreement of the views.
-const MOST_LINES: usize = 64;
+/// Optical depth at which the brightness of a cloud has reached about 60 % of its largest value.
+const BRIGHT_DEPTH: f64 = 8.0;
 
 /// A statistic of images that is outside its range in the training.
 #[derive(Debug, Clone, PartialEq)]
@@ -45,8 +45,8 @@ fn meaning(name: &str) -> &str {
         }
         "brightest" => "the largest radiance over the cosine of the solar zenith angle",
         "equal" => "the largest share of a view's pixels that all have its largest radiance",
-        AGREEMENT | AGREEMENT_OF_FEW => {
-            "the correlation of the views on the plane where they agree best"
+        EXPLAINED | EXPLAINED_FEW => {
+            "the correlation of the images with the estimate along their lines of sight"
         }
         other => other,
     }
@@ -59,9 +59,9 @@ fn meaning(name: &str) -> &str {
 ///   Images in other units have other values.
 /// - `equal`: the largest share of the pixels of a view that have the largest radiance of the view.
 ///   It is large if the sensor is saturated.
-/// - `agreement`, or `agreement_of_few` for at most five views: on the horizontal plane where it is
-///   largest, the mean correlation of each image with the mean of the others. It is low if the
-///   geometry is not that of the images.
+/// - `explained`, or `explained_few` for at most five views: the mean over the views of the
+///   correlation of the image with `1 - exp(-t / 8)`, where `t` is the optical depth of the
+///   estimate along the lines of sight. It is low if the geometry is not that of the images.
 ///
 /// # Errors
 /// An image geometry that the network does not support.
@@ -69,7 +69,7 @@ pub(super) fn image_statistics(
     network: &Network,
     images: &ViewStack,
     geometry: &ImagingGeometry,
-    grid: &Grid,
+    extinction: &Volume,
 ) -> Result<BTreeMap<String, f64>> {
     let sun = geometry.views.sun_zenith_deg.to_radians().cos() * geometry.solar_irradiance;
     let mut sorted: Vec<f32> = images.values.iter().copied().collect();
@@ -80,43 +80,59 @@ pub(super) fn image_statistics(
         let largest = image.iter().copied().fold(f32::NEG_INFINITY, f32::max);
         image.iter().filter(|value| **value == largest).count() as f64 / image.len() as f64
     });
-    let agreed = if images.shape()[0] <= FEW { AGREEMENT_OF_FEW } else { AGREEMENT };
+    let name = if images.shape()[0] <= FEW { EXPLAINED_FEW } else { EXPLAINED };
     Ok(BTreeMap::from([
         ("background".into(), background),
         ("brightest".into(), f64::from(images.brightest()) / sun),
         ("equal".into(), equal.fold(0.0, f64::max)),
-        (agreed.into(), agreement(network, images, geometry, grid)?),
+        (name.into(), explained(network, images, geometry, extinction)?),
     ]))
 }
 
-/// On the plane where it is largest, the mean correlation of each image with the mean of the others.
-fn agreement(
+/// The mean correlation of the images on the plane of the target with the brightness of the
+/// estimate there.
+fn explained(
     network: &Network,
     images: &ViewStack,
     geometry: &ImagingGeometry,
-    grid: &Grid,
+    extinction: &Volume,
 ) -> Result<f64> {
-    let [x, y, _] = geometry.target_km;
+    let ([x, y, _], grid) = (geometry.target_km, &extinction.grid);
     let center = [grid.center().y - y, grid.center().x - x];
     let field = Field { size: [grid.shape[1], grid.shape[2]], center };
-    let planes = network.planes(images, field)?;
-    let (views, step) = (images.shape()[0], field.size.map(|lines| lines.div_ceil(MOST_LINES)));
-    let thinned = |image: &[f32]| -> Vec<f64> {
-        let rows = image.chunks_exact(field.size[1]).step_by(step[0]);
-        rows.flat_map(|row| row.iter().step_by(step[1]).map(|&value| f64::from(value))).collect()
-    };
-    let pixels = field.size[0] * field.size[1];
-    let on_plane = planes.chunks_exact(pixels * views).map(|plane| {
-        let images: Vec<Vec<f64>> = plane.chunks_exact(pixels).map(thinned).collect();
-        let sum: Vec<f64> =
-            (0..images[0].len()).map(|at| images.iter().map(|image| image[at]).sum()).collect();
-        let by_view = images.iter().map(|image| {
-            let others: Vec<f64> = sum.iter().zip(image).map(|(sum, own)| sum - own).collect();
-            correlation(image, &others)
-        });
-        by_view.sum::<f64>() / views as f64
-    });
-    Ok(on_plane.fold(-1.0, f64::max))
+    let on_target = network.on_target(images, field)?;
+    let views = on_target.chunks_exact(field.size[0] * field.size[1]).enumerate();
+    let by_view: Vec<f64> = views
+        .map(|(view, image)| {
+            let depth = depth_on_target(network, extinction, view);
+            let bright: Vec<f64> = depth.iter().map(|t| 1.0 - (-t / BRIGHT_DEPTH).exp()).collect();
+            let image: Vec<f64> = image.iter().map(|&value| f64::from(value)).collect();
+            correlation(&image, &bright)
+        })
+        .collect();
+    Ok(by_view.iter().sum::<f64>() / by_view.len() as f64)
+}
+
+/// The optical depth along the line of sight of a view through each voxel of the plane of the
+/// target, `[row, col]`, with the parallax of each level rounded to whole voxels.
+fn depth_on_target(network: &Network, extinction: &Volume, view: usize) -> Vec<f64> {
+    let (metadata, grid) = (network.metadata(), &extinction.grid);
+    let [_, rows, cols] = grid.shape;
+    let slant = metadata.view_geometry.view_zenith_deg[view].to_radians().cos();
+    let mut depth = vec![0.0; rows * cols];
+    for (number, level) in extinction.values.outer_iter().enumerate() {
+        let altitude = grid.voxel_center([number, 0, 0]).z;
+        let [north, east] = metadata.parallax(view, altitude).map(|voxels| voxels as isize);
+        for ((row, col), &value) in level.indexed_iter() {
+            let (row, col) = (row as isize + north, col as isize + east);
+            let inside = (0..rows as isize).contains(&row) && (0..cols as isize).contains(&col);
+            if inside && value > 0.0 {
+                depth[row as usize * cols + col as usize] +=
+                    f64::from(value) * grid.spacing.z / slant;
+            }
+        }
+    }
+    depth
 }
 
 /// Pearson's correlation; 0 if one of them is constant.
