@@ -44,7 +44,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
         .imaging_geometry()
         .and_then(|geometry| network.estimate(&observation.images, &geometry, grid.as_ref()))
         .map_err(Error::in_file(&args.images))?;
-    args.network.warn_of_unusual_images(&network, &observation, grid.as_ref())?;
+    args.network.warn_of_unusual_images(&network, &observation, &start)?;
     let job = Job {
         quick: args.quick,
         what: "hybrid",

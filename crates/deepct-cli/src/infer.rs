@@ -78,7 +78,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let observation = read_observation(&args.images)?;
     let mut estimate =
         infer(&network, &observation, grid.as_ref()).map_err(Error::in_file(&args.images))?;
-    args.network.warn_of_unusual_images(&network, &observation, grid.as_ref())?;
+    args.network.warn_of_unusual_images(&network, &observation, &estimate)?;
     let rounding = match convolution.precision {
         conv::Precision::Single => None,
         _ => {

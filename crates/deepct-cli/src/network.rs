@@ -2,7 +2,7 @@
 
 use deepct_core::grid::Grid;
 use deepct_core::io::{GENERAL_WEIGHTS, load_trained_weights, read_grid};
-use deepct_core::network::Estimator;
+use deepct_core::network::{Estimate, Estimator};
 use deepct_core::scene::Observation;
 use deepct_core::{Result, conv};
 use std::path::PathBuf;
@@ -37,10 +37,10 @@ impl NetworkFlags {
         &self,
         estimator: &Estimator,
         observation: &Observation,
-        grid: Option<&Grid>,
+        estimate: &Estimate,
     ) -> Result<()> {
         let geometry = observation.imaging_geometry()?;
-        for unusual in estimator.unusual(&observation.images, &geometry, grid)? {
+        for unusual in estimator.unusual(&observation.images, &geometry, estimate)? {
             eprintln!(
                 "deepct: warning: the network was not trained on such images: {unusual}; the \
                  estimate may be wrong"

@@ -224,7 +224,9 @@ fn images_unlike_those_of_the_training_are_named() {
         let images = ViewStack::new(images).unwrap();
         let observation = Observation::new(light.clone(), views(sign).to_vec(), images).unwrap();
         let geometry = observation.imaging_geometry().unwrap();
-        let found = general().unusual(&observation.images, &geometry, None).unwrap();
+        let estimator = general();
+        let estimate = estimator.estimate(&observation.images, &geometry, None).unwrap();
+        let found = estimator.unusual(&observation.images, &geometry, &estimate).unwrap();
         found.into_iter().map(|unusual| unusual.name).collect()
     };
     let values = &images.values;

@@ -143,7 +143,8 @@ impl Network {
             let observation = Observation::new(light, views.0, ViewStack::new(radiance)?)?;
             let geometry = observation.imaging_geometry()?;
             let grid = grid.as_ref().map(|grid| &grid.0);
-            self.0.image_statistics(&observation.images, &geometry, grid)
+            let estimate = self.0.estimate(&observation.images, &geometry, grid)?;
+            self.0.image_statistics(&observation.images, &geometry, &estimate)
         });
         statistics.map_err(raise)
     }
@@ -176,12 +177,12 @@ impl Network {
                 let geometry = observation.imaging_geometry()?;
                 let grid = grid.as_ref().map(|grid| &grid.0);
                 let mut estimate = self.0.estimate(&observation.images, &geometry, grid)?;
+                let unusual = self.0.unusual(&observation.images, &geometry, &estimate)?;
                 if let Some(mask) = mask {
                     let mask = Mask::new(estimate.extinction.grid, mask)?;
                     mask.apply(&mut estimate.extinction)?;
                     estimate.uncertainty.as_mut().map_or(Ok(()), |values| mask.apply(values))?;
                 }
-                let unusual = self.0.unusual(&observation.images, &geometry, grid)?;
                 Ok((estimate, unusual))
             })
             .map_err(raise)?;

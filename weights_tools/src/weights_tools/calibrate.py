@@ -83,7 +83,9 @@ def calibrate(
     for name in sorted({name for result in results for name in result.statistics}):
         values = [each.statistics[name] for each in results if name in each.statistics]
         low, high = np.quantile(values, [USUAL, 1.0 - USUAL])
-        typical[name] = (float((1.0 - MARGIN) * low), float((1.0 + MARGIN) * high))
+        # Images that are not quantised have no equal pixels.
+        low = 0.0 if name == "equal" else float((1.0 - MARGIN) * low)
+        typical[name] = (low, float((1.0 + MARGIN) * high))
         report(f"{name}: {typical[name][0]:.4f} to {typical[name][1]:.4f}")
     described = replace(bare, calibration=pairs, typical=typical)
     write_general_weights(output, replace(weights, description=described))

@@ -174,7 +174,7 @@ impl Estimator {
 
     /// The statistics of images that are outside their range in the training of general weights, for
     /// example because the geometry is not that of the images, because they are saturated or in
-    /// another unit. Empty for weights that state no ranges.
+    /// another unit. Empty for weights that state no ranges. `estimate` is that of the images.
     ///
     /// # Errors
     /// As [`Estimator::estimate`].
@@ -182,14 +182,14 @@ impl Estimator {
         &self,
         images: &ViewStack,
         geometry: &ImagingGeometry,
-        grid: Option<&Grid>,
+        estimate: &Estimate,
     ) -> Result<Vec<Unusual>> {
         let TrainedWeights::General(weights) = &self.weights else { return Ok(Vec::new()) };
         let typical = &weights.metadata.typical;
         if typical.is_empty() {
             return Ok(Vec::new());
         }
-        let statistics = self.image_statistics(images, geometry, grid)?;
+        let statistics = self.image_statistics(images, geometry, estimate)?;
         let outside = typical.iter().filter_map(|(name, &[low, high])| {
             let &value = statistics.get(name)?;
             let unusual = Unusual { name: name.clone(), value, typical: [low, high] };
@@ -206,7 +206,7 @@ impl Estimator {
     ///   view;
     /// - `explained`, or `explained_few` for at most five views: the mean over the views of the
     ///   correlation of the image with `1 - exp(-t / 8)`, where `t` is the optical depth of the
-    ///   estimate along the lines of sight.
+    ///   estimate of the images along the lines of sight.
     ///
     /// # Errors
     /// As [`Estimator::estimate`]; weights for one formation.
@@ -214,18 +214,20 @@ impl Estimator {
         &self,
         images: &ViewStack,
         geometry: &ImagingGeometry,
-        grid: Option<&Grid>,
+        estimate: &Estimate,
     ) -> Result<BTreeMap<String, f64>> {
         let TrainedWeights::General(weights) = &self.weights else {
             let range = "general: others state no statistics of their training images";
             return Err(Error::out_of_range("weights", "for one formation", range));
         };
-        let [_, rows, cols] = images.shape();
-        let own = self.grid(geometry, [rows, cols])?;
-        let inner = inner_grid(weights, grid.unwrap_or(&own))?;
+        let grid = &estimate.extinction.grid;
+        let inner = inner_grid(weights, grid)?;
         let network = self.network(geometry, &inner)?;
-        let extinction = self.estimate(images, geometry, Some(&inner))?.extinction;
-        image_statistics(&network, images, geometry, &extinction)
+        if inner.matches(grid) {
+            return image_statistics(&network, images, geometry, &estimate.extinction);
+        }
+        let on_inner = self.estimate(images, geometry, Some(&inner))?;
+        image_statistics(&network, images, geometry, &on_inner.extinction)
     }
 
     /// The network for a geometry and a grid of its own voxels and levels.
