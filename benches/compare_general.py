@@ -6,8 +6,9 @@
 Both sides have the layers folded for the geometry beforehand. deepct runs `Network.estimate` of its
 Python module, without and with space carving; PyTorch resamples the images onto planes and runs the
 folded layers (channels last, float32). The sides take turns; the medians of all rounds and the
-median of the ratios are printed, and the largest difference of the results. Requires deepct_py,
-weights_tools and PyTorch.
+median of the ratios are printed, and the largest difference of the results. `new geometry` is the
+additional time of deepct for another Sun than that of the images before: the layers are folded and
+packed again. Requires deepct_py, weights_tools and PyTorch.
 """
 
 from __future__ import annotations
@@ -59,8 +60,9 @@ def main() -> None:
     weights = read_general_weights(arguments.weights)
     network, described = weights.network, weights.description
     ours = deepct.Network.load(arguments.weights)
-    print("| views | size | deepct (ms) | with carving (ms) | PyTorch (ms) | ratio | difference |")
-    print("|---|---|---|---|---|---|---|")
+    print("| views | size | deepct (ms) | with carving (ms) | PyTorch (ms) | ratio | difference "
+          "| new geometry (ms) |")
+    print("|---|---|---|---|---|---|---|---|")
     for formation in FORMATIONS:
         for size in SIZES:
             views = deepct.Views.load(formation, TARGET, size)
@@ -98,13 +100,21 @@ def main() -> None:
 
             first, other = deepct_run(), torch_run()[:32]
             difference = np.abs(first - other).max() / other.max()
+            suns = [deepct.Light(sun_zenith_deg=angle) for angle in (40.0, 50.0)]
+
+            def turned_run() -> None:
+                for sun in suns:
+                    ours.estimate(radiance, views, sun, grid=grid)
+
             repeats = max(1, 64 * 1024 // (size[0] * size[1]) // 4)
-            times = np.array([[seconds(run, repeats) for run in (deepct_run, carved_run, torch_run)]
+            runs = (deepct_run, carved_run, torch_run, turned_run)
+            times = np.array([[seconds(run, repeats) for run in runs]
                               for _ in range(arguments.rounds)]) * 1e3
             middle = np.median(times, axis=0)
             ratio = np.median(times[:, 2] / times[:, 0])
             print(f"| {len(views)} | {size[0]} x {size[1]} | {middle[0]:.2f} | {middle[1]:.2f} "
-                  f"| {middle[2]:.2f} | {ratio:.2f} | {difference:.1e} |", flush=True)
+                  f"| {middle[2]:.2f} | {ratio:.2f} | {difference:.1e} "
+                  f"| {middle[3] / 2 - middle[0]:.2f} |", flush=True)
 
 
 if __name__ == "__main__":

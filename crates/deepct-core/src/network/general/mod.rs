@@ -29,10 +29,14 @@ use crate::image::ImagingGeometry;
 use crate::math::DVec3;
 use features::{Features, SCENE_FEATURES, VIEW_FEATURES};
 use ndarray::{Array1, Array4};
+use rayon::prelude::*;
 
 /// A view's factors are 3 over the number of views times the output of the mixing perceptron, so
 /// that the input of the first layer does not depend on how many views there are.
 const MIXING_SCALE: f64 = 3.0;
+
+/// Number of values of a kernel.
+const TAPS: usize = 9;
 
 /// The name in the metadata of the weights that are folded for a geometry.
 const FOLDED: &str = "general";
@@ -49,6 +53,15 @@ pub struct GeneralWeights {
     modulation: Perceptron,
     /// The convolutions with their batch norms, from first to last.
     layers: Vec<(LayerWeights, BatchNorm)>,
+}
+
+/// The factor and the shift of a channel: those of the batch norm, followed by a multiplication by
+/// one plus the first modulation and the addition of the second.
+fn affine(norm: &BatchNorm, channel: usize, [scale, shift]: [f64; 2]) -> [f64; 2] {
+    let deviation = (f64::from(norm.running_var[channel]) + BATCH_NORM_EPSILON).sqrt();
+    let normal = f64::from(norm.weight[channel]) / deviation;
+    let offset = f64::from(norm.bias[channel]) - f64::from(norm.running_mean[channel]) * normal;
+    [normal * (1.0 + scale), offset * (1.0 + scale) + shift]
 }
 
 impl GeneralWeights {
@@ -123,41 +136,38 @@ impl GeneralWeights {
         }
         let features = Features::new(&geometry.views, voxel_km)?;
         let views = features.views.len();
-        let scale = MIXING_SCALE / views as f64;
-        let factors: Vec<Vec<f64>> =
-            features.views.iter().map(|view| self.mixing.apply(view)).collect();
+        let factors: Vec<Vec<f64>> = features
+            .views
+            .iter()
+            .map(|view| {
+                let mixed = self.mixing.apply(view);
+                mixed.iter().map(|factor| MIXING_SCALE / views as f64 * factor).collect()
+            })
+            .collect();
         let modulation = self.modulation.apply(&features.scene);
         let width = self.metadata.architecture.width;
-        let last = self.layers.len() - 1;
         let layers = self.layers.iter().enumerate().map(|(index, (layer, norm))| {
-            let (scales, shifts) = match index == last {
-                true => (None, None),
-                false => {
-                    let part = &modulation[2 * width * index..][..2 * width];
-                    (Some(&part[..width]), Some(&part[width..]))
-                }
-            };
-            let factor = |channel: usize| {
-                let deviation = (f64::from(norm.running_var[channel]) + BATCH_NORM_EPSILON).sqrt();
-                let modulated = 1.0 + scales.map_or(0.0, |scales| scales[channel]);
-                (f64::from(norm.weight[channel]) / deviation, modulated)
-            };
+            // The last layer has no modulation.
+            let part = modulation.get(2 * width * index..2 * width * (index + 1));
+            let affine: Vec<[f64; 2]> = (0..layer.bias.len())
+                .map(|channel| {
+                    let modulated = part.map_or([0.0, 0.0], |p| [p[channel], p[width + channel]]);
+                    affine(norm, channel, modulated)
+                })
+                .collect();
             let bias = Array1::from_shape_fn(layer.bias.len(), |channel| {
-                let (normal, modulated) = factor(channel);
-                let mean = f64::from(norm.running_mean[channel]);
-                let centered = f64::from(layer.bias[channel]) - mean;
-                let normalized = centered * normal + f64::from(norm.bias[channel]);
-                (normalized * modulated + shifts.map_or(0.0, |shifts| shifts[channel])) as f32
+                let [factor, shift] = affine[channel];
+                (f64::from(layer.bias[channel]) * factor + shift) as f32
             });
-            let total = |channel: usize| {
-                let (normal, modulated) = factor(channel);
-                normal * modulated
-            };
             let weight = match index {
-                0 => self.fold_views(&layer.weight, &factors, scale, total),
-                _ => Array4::from_shape_fn(layer.weight.raw_dim(), |at| {
-                    (f64::from(layer.weight[at]) * total(at.0)) as f32
-                }),
+                0 => self.fold_views(&layer.weight, &factors, &affine),
+                _ => {
+                    let mut weight = layer.weight.clone();
+                    for (mut kernels, [factor, _]) in weight.outer_iter_mut().zip(&affine) {
+                        kernels.mapv_inplace(|value| (f64::from(value) * factor) as f32);
+                    }
+                    weight
+                }
             };
             LayerWeights { weight, bias }
         });
@@ -165,33 +175,40 @@ impl GeneralWeights {
         Weights::new(self.folded_metadata(geometry, grid, views), layers)
     }
 
-    /// The kernels of the first layer by plane and view, and by plane for the extremes.
+    /// The kernels of the first layer by plane and view, and by plane for the extremes, multiplied
+    /// by the factor of each channel. `factors` are those of each view in the virtual views.
     fn fold_views(
         &self,
         weight: &Array4<f32>,
         factors: &[Vec<f64>],
-        scale: f64,
-        total: impl Fn(usize) -> f64,
+        affine: &[[f64; 2]],
     ) -> Array4<f32> {
         let GeneralArchitecture { virtual_views, planes, extremes, .. } =
             self.metadata.architecture;
         let views = factors.len();
-        let mixed = virtual_views * planes;
         let inputs = planes * (views + 2 * usize::from(extremes));
-        let outputs = weight.shape()[0];
-        Array4::from_shape_fn((outputs, inputs, 3, 3), |(output, input, row, col)| {
-            let value = if input < planes * views {
-                let (plane, view) = (input / views, input % views);
-                let by_view = (0..virtual_views).map(|number| {
-                    let kernel = weight[[output, number * planes + plane, row, col]];
-                    factors[view][number] * f64::from(kernel)
-                });
-                scale * by_view.sum::<f64>()
-            } else {
-                f64::from(weight[[output, mixed + input - planes * views, row, col]])
-            };
-            (value * total(output)) as f32
-        })
+        let weight = weight.as_standard_layout();
+        let kernels = weight.as_slice().expect("standard layout is contiguous");
+        let by_output = kernels.par_chunks_exact(TAPS * weight.shape()[1]).zip(affine);
+        let folded = by_output.flat_map_iter(|(kernels, [factor, _])| {
+            let kernel = |input: usize| &kernels[TAPS * input..][..TAPS];
+            let mut row = Vec::with_capacity(TAPS * inputs);
+            for plane in 0..planes {
+                for by_view in factors {
+                    let mut sum = [0.0; TAPS];
+                    for (number, mixed) in by_view.iter().enumerate() {
+                        let taps = kernel(number * planes + plane);
+                        sum.iter_mut().zip(taps).for_each(|(s, tap)| *s += mixed * f64::from(*tap));
+                    }
+                    row.extend(sum.map(|value| (value * factor) as f32));
+                }
+            }
+            let others = &kernels[TAPS * virtual_views * planes..];
+            row.extend(others.iter().map(|value| (f64::from(*value) * factor) as f32));
+            row
+        });
+        let shape = (weight.shape()[0], inputs, 3, 3);
+        Array4::from_shape_vec(shape, folded.collect()).expect("as many values as the shape has")
     }
 
     fn folded_metadata(
