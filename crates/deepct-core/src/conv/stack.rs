@@ -118,9 +118,8 @@ impl Stack {
             return Err(Error::out_of_range("size [image, row, col]", format!("{size:?}"), range));
         }
         let plan = self.plan(Bands { rows, cols });
-        for layer in &self.0.layers {
-            layer.prepare(self.0.method(layer, plan.image));
-        }
+        let prepare = |layer: &Conv2d| layer.prepare(self.0.method(layer, plan.image));
+        self.0.layers.par_iter().for_each(prepare);
         let lengths = self.lengths(plan);
         let threads = rayon::current_num_threads();
         let small = plan.order.slots() * lengths.band * size_of::<f32>() <= SMALL;
