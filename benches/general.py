@@ -6,7 +6,7 @@
         [--rico CLOUD.nc] [--program target/release/deepct]
 
 Clouds: samples of `recipes/bomex-test.toml`, evenly distributed over their sizes, and optionally a
-cloud of another simulation (its `extinction` on x, y, z). Situations:
+cloud of another simulation (`extinction`, or `lwc` and `reff`, on x, y, z in km). Situations:
 
 - ten, pearls: the formations cloudct-10 and pearls-32 with their Sun (30, 45 degrees);
 - random: 6 to 20 views in random directions up to 60 degrees from the zenith, the Sun at 0 to 60;
@@ -94,8 +94,13 @@ class Situation:
 def read_cloud(path: Path, regime: str) -> Cloud:
     """Read a cloud file of deepct."""
     with h5py.File(path) as file:
-        extinction = np.nan_to_num(file["extinction"][...]).astype(np.float32)
         radius = np.nan_to_num(file["reff"][...]) if "reff" in file else np.zeros(1)
+        if "extinction" in file:
+            extinction = np.nan_to_num(file["extinction"][...]).astype(np.float32)
+        else:
+            # The extinction of large droplets, 1500 km-1 per g m-3 and um.
+            water = np.nan_to_num(file["lwc"][...])
+            extinction = (1500.0 * water / np.where(water > 0.0, radius, 1.0)).astype(np.float32)
         centers = [file[axis][...] for axis in "xyz"]
     spacing = tuple(float(np.diff(axis).mean()) for axis in centers)
     origin = tuple(float(axis[0] - 0.5 * step) for axis, step in zip(centers, spacing))

@@ -35,7 +35,9 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
     drop(watch);
     if interrupted {
         eprintln!("deepct: stopped early; repeat the command to continue");
-    } else if !global.quiet {
+        return Ok(Outcome::Interrupted);
+    }
+    if !global.quiet {
         println!("{} results, {made} of them made now", outcomes.len());
         println!("report: {}", args.out.join("report.md").display());
     }

@@ -56,6 +56,5 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
         start: start.into(),
         init: args.network.weights.display().to_string(),
     };
-    job.run(global)?;
-    Ok(Outcome::Success)
+    job.run(global)
 }

@@ -4,6 +4,7 @@ use crate::config::{self, Values};
 use crate::defaults;
 use crate::global::Global;
 use crate::light::LightFlags;
+use crate::outcome::Outcome;
 use crate::output::check_output;
 use crate::progress::InversionProgress;
 use deepct_core::carve::{CarveSettings, carve};
@@ -122,7 +123,7 @@ struct Resolved<'a> {
 
 impl Job<'_> {
     /// Runs the inversion, writes the output file and prints a summary.
-    pub(crate) fn run(mut self, global: &Global) -> Result<()> {
+    pub(crate) fn run(mut self, global: &Global) -> Result<Outcome> {
         let flags = self.flags;
         self.settings.inversion.iterations =
             flags.iterations.unwrap_or(self.settings.inversion.iterations);
@@ -149,7 +150,10 @@ impl Job<'_> {
         if !global.quiet {
             report(&reconstruction, &mask);
         }
-        Ok(())
+        Ok(match reconstruction.ending {
+            Ending::Interrupted => Outcome::Interrupted,
+            _ => Outcome::Success,
+        })
     }
 
     fn invert(

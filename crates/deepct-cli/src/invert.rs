@@ -53,8 +53,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
         start,
         init: args.init.clone(),
     };
-    job.run(global)?;
-    Ok(Outcome::Success)
+    job.run(global)
 }
 
 fn start(init: &str) -> Result<Start> {

@@ -96,6 +96,8 @@ fn main() -> ExitCode {
     match run(Cli::parse()) {
         Ok(Outcome::Success) => ExitCode::SUCCESS,
         Ok(Outcome::CheckFailed) => ExitCode::from(1),
+        // As of a program that is ended by SIGINT, so that `&&` and scripts do not go on.
+        Ok(Outcome::Interrupted) => ExitCode::from(130),
         Err(error) => {
             eprintln!("deepct: {error}");
             ExitCode::from(2)

@@ -7,4 +7,6 @@ pub(crate) enum Outcome {
     Success,
     /// A requested check failed.
     CheckFailed,
+    /// The user interrupted it: the files hold what was computed until then.
+    Interrupted,
 }

@@ -135,7 +135,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
             _ => with_wavelength(path, wavelength),
         };
         if args.image(global, &light, &scene, views.clone(), &name)? {
-            break;
+            return Ok(Outcome::Interrupted);
         }
     }
     Ok(Outcome::Success)

@@ -61,17 +61,15 @@ pub(crate) struct Rendering {
 ///     Scene illumination: Sun, wavelength, droplet optics, molecular atmosphere and surface.
 ///     Default: `Light()`.
 /// solver : str
-///     "monte-carlo" or "ordinates". The parameters `samples_per_pixel`, `seed` and
-///     `similarity_after` apply to "monte-carlo" only.
+///     "monte-carlo" or "ordinates". The parameters `samples_per_pixel`, `noise`, `seed` and
+///     `similarity_after` are for "monte-carlo", `accuracy` and `estimate_error` for "ordinates".
 /// samples_per_pixel : int, optional
 ///     Number of photon paths per pixel; if `noise` is given, the maximum number. Default: 256,
 ///     or as many as required to reach `noise`.
 /// noise : float, optional
 ///     Add photon paths until the relative standard error of the bright pixels has fallen to this
 ///     value, for example 0.01. It is the root mean square over all pixels that are at least half
-///     as bright as the brightest pixel of their view. For "ordinates", the relative error that
-///     is sufficient, from 0.003 to 0.1: with 0.03 and more, the solution is several times faster
-///     than by default, which corresponds to 0.01.
+///     as bright as the brightest pixel of their view.
 /// seed : int
 ///     Seed of the random number generator.
 /// effective_radius : array, [z, y, x], optional
@@ -83,6 +81,9 @@ pub(crate) struct Rendering {
 /// similarity_after : int, optional
 ///     Number of scattering events after which a path continues in equivalent media with a
 ///     reduced forward peak: faster and less noisy, but biased. By default the paths are unbiased.
+/// accuracy : float, optional
+///     Approximate relative error of the bright pixels by the "ordinates" solver, from 0.003 to 0.1.
+///     With 0.03 and more it is several times faster than by default, which corresponds to 0.01.
 /// estimate_error : bool
 ///     Whether the "ordinates" solver estimates its error from a second, coarser solution, which
 ///     takes 6 to 50 % of the time.
@@ -100,7 +101,7 @@ pub(crate) struct Rendering {
 #[pyo3(signature = (
     extinction, grid, views, light = None, *, solver = "monte-carlo", samples_per_pixel = None,
     noise = None, seed = 1, effective_radius = None, trilinear = false, similarity_after = None,
-    estimate_error = true,
+    accuracy = None, estimate_error = true,
 ))]
 // In Python these are keyword arguments with defaults.
 #[allow(clippy::too_many_arguments)]
@@ -117,6 +118,7 @@ pub(crate) fn render(
     effective_radius: Option<&Bound<'_, PyAny>>,
     trilinear: bool,
     similarity_after: Option<u32>,
+    accuracy: Option<f64>,
     estimate_error: bool,
 ) -> PyResult<Rendering> {
     let extinction = Floats::new(extinction, "extinction", VOLUME)?.to_owned();
@@ -130,6 +132,15 @@ pub(crate) fn render(
     }
     let most = if noise.is_some() { MOST_SAMPLES } else { SAMPLES };
     let samples_per_pixel = samples_per_pixel.unwrap_or(most);
+    let unused = match solver {
+        "ordinates" => {
+            noise.map(|_| ("noise", "omitted for the solver \"ordinates\": give accuracy"))
+        }
+        _ => accuracy.map(|_| ("accuracy", "omitted for the solver \"monte-carlo\": give noise")),
+    };
+    if let Some((name, range)) = unused {
+        return Err(raise(Error::out_of_range(name, "given", range)));
+    }
     let solver = match solver {
         "monte-carlo" => Solver::MonteCarlo(MonteCarloSettings {
             samples_per_pixel,

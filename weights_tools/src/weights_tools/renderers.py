@@ -69,7 +69,8 @@ class DeepctRenderer:
             raise InputError("deepct_py", f"cannot be imported ({problem})", remedy) from None
         self._deepct: Any = deepct_py
         self.solver = solver
-        self._accuracy = {"noise": noise} if samples is None else {"samples_per_pixel": samples}
+        error = "accuracy" if solver == "ordinates" else "noise"
+        self._accuracy = {error: noise} if samples is None else {"samples_per_pixel": samples}
 
     def render(self, scenes: Sequence[Scene]) -> np.ndarray:
         return np.stack([self._one(scene) for scene in scenes])

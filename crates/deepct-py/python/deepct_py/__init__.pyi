@@ -165,6 +165,7 @@ def render(
     effective_radius: Optional[ArrayLike] = None,
     trilinear: bool = False,
     similarity_after: Optional[int] = None,
+    accuracy: Optional[float] = None,
     estimate_error: bool = True,
 ) -> Rendering: ...
 
