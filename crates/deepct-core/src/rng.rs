@@ -27,6 +27,14 @@ pub enum Purpose {
     Inversion = 5,
     /// Selection of test cases in a validation.
     Validation = 6,
+    /// Seeds of the parts of a run.
+    Seed = 7,
+}
+
+/// The seed of the part `number` of a run with a seed. Sums would give part 1 of seed 2 and part 2
+/// of seed 1 the same random numbers.
+pub fn seed_of_part(seed: u64, number: u64) -> u64 {
+    stream(seed, Purpose::Seed, &[number]).next_u64()
 }
 
 /// The random stream of `seed` for `purpose` and `indices`.
@@ -49,6 +57,14 @@ fn mix(value: u64) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn parts_of_runs_have_seeds_of_their_own() {
+        let seeds: Vec<u64> =
+            (0..8).flat_map(|s| (0..8).map(move |n| seed_of_part(s, n))).collect();
+        let different: std::collections::BTreeSet<u64> = seeds.iter().copied().collect();
+        assert_eq!(different.len(), seeds.len());
+    }
 
     #[test]
     fn streams_differ_by_every_part_of_their_key() {

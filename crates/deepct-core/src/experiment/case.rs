@@ -6,6 +6,7 @@ use crate::dataset::Manifest;
 use crate::error::{Error, Result};
 use crate::image::ViewStack;
 use crate::io::{self, Provenance};
+use crate::rng::seed_of_part;
 use crate::scene::{Formation, Observation, View, target};
 use crate::sensor::{Scale, Sensor, expose};
 use crate::transport::{self, MonteCarloSettings, Solver};
@@ -115,7 +116,7 @@ impl Case {
         let solver = Solver::MonteCarlo(MonteCarloSettings {
             samples_per_pixel: settings.samples_per_pixel,
             similarity_after: settings.similarity_after,
-            seed: settings.seed + self.number,
+            seed: seed_of_part(settings.seed, self.number),
             noise: None,
         });
         let rendering = transport::render(&scene, &views, &solver, &())?;
@@ -139,7 +140,7 @@ fn through_sensor(
         Some(sensor) => sensor,
         None => Sensor::from_file(Path::new(&settings.sensor))?,
     };
-    let seed = settings.seed + number;
+    let seed = seed_of_part(settings.seed, number);
     Ok(expose(clean, &sensor, Scale::BrightestAtFullWell, seed)?.observation)
 }
 
