@@ -45,6 +45,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
         .and_then(|geometry| network.estimate(&observation.images, &geometry, grid.as_ref()))
         .map_err(Error::in_file(&args.images))?;
     args.network.warn_of_unusual_images(&network, &observation, &start)?;
+    args.network.warn_of_ends(&start);
     let job = Job {
         quick: args.quick,
         what: "hybrid",

@@ -79,6 +79,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let mut estimate =
         infer(&network, &observation, grid.as_ref()).map_err(Error::in_file(&args.images))?;
     args.network.warn_of_unusual_images(&network, &observation, &estimate)?;
+    args.network.warn_of_ends(&estimate);
     let rounding = match convolution.precision {
         conv::Precision::Single => None,
         _ => {
@@ -112,8 +113,12 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
         let Volume { grid, values } = &estimate.extinction;
         let [levels, rows, cols] = grid.shape;
         let largest = values.iter().copied().fold(0.0, f32::max);
-        println!("grid     {levels} levels of {rows} x {cols} columns");
+        let (low, high) = (grid.lower().z, grid.upper().z);
+        println!("grid     {levels} levels of {rows} x {cols} columns, {low:.3} to {high:.3} km");
         println!("largest  {largest:.3} km-1");
+        if largest == 0.0 {
+            println!("the estimate is empty: the network found no cloud in this grid");
+        }
         if let Some(epsilon) = estimate.expected_relative_error() {
             println!("epsilon  {epsilon:.3} expected");
         }

@@ -7,6 +7,9 @@ use deepct_core::scene::Observation;
 use deepct_core::{Result, conv};
 use std::path::PathBuf;
 
+/// Share of the extinction in the lowest or highest level above which a cloud may be cut off.
+const SHARE_AT_END: f64 = 0.03;
+
 /// The weights of the network, and the grid of its estimate.
 #[derive(Debug, clap::Args)]
 pub(crate) struct NetworkFlags {
@@ -47,6 +50,23 @@ impl NetworkFlags {
             );
         }
         Ok(())
+    }
+
+    /// Warns of an estimate that reaches the lowest or the highest level.
+    pub(crate) fn warn_of_ends(&self, estimate: &Estimate) {
+        let grid = &estimate.extinction.grid;
+        let altitudes = [grid.lower().z, grid.upper().z];
+        let ends = [("bottom", altitudes[0]), ("top", altitudes[1])];
+        for ((end, altitude), share) in ends.into_iter().zip(estimate.shares_at_ends()) {
+            if grid.shape[0] > 2 && share > SHARE_AT_END {
+                eprintln!(
+                    "deepct: warning: {:.0} % of the estimated extinction is in the level at the \
+                     {end} of the grid ({altitude:.3} km): the cloud may extend beyond it; give a \
+                     higher grid with --grid",
+                    100.0 * share
+                );
+            }
+        }
     }
 
     /// The requested grid.

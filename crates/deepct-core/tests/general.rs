@@ -1,6 +1,6 @@
 //! The built-in general network: what its estimate must not depend on, and what it refuses.
 
-use deepct_core::cloud::{CumulusSettings, cumulus};
+use deepct_core::cloud::{Cloud, CumulusSettings, cumulus};
 use deepct_core::grid::{Grid, Volume};
 use deepct_core::image::{ImagingGeometry, ViewGeometry, ViewStack};
 use deepct_core::io::{GENERAL_WEIGHTS, load_trained_weights};
@@ -38,6 +38,35 @@ fn images(views: usize) -> ViewStack {
         0.02 + 0.2 * (-(x * x + y * y) / 12.0).exp()
     });
     ViewStack::new(values).unwrap()
+}
+
+fn small_cloud() -> Cloud {
+    let settings = CumulusSettings { width_km: Some(0.6), ..Default::default() };
+    cumulus(&settings, 3).unwrap()
+}
+
+fn light() -> Light {
+    let mut light = Light::realistic();
+    light.sun = Sun::from_degrees(40.0, 130.0).unwrap();
+    light
+}
+
+/// Six views of a target; `sign` is -1 for azimuths counted in the other direction.
+fn views(target: DVec3, sign: f64) -> Vec<View> {
+    let angles =
+        [(5.0, 0.0), (30.0, 20.0), (40.0, 95.0), (50.0, 150.0), (45.0, 250.0), (55.0, 310.0)];
+    let view = |(zenith, azimuth)| {
+        let to = towards(f64::to_radians(zenith), sign * f64::to_radians(azimuth));
+        View::perspective(target + 600.0 * to, target, 0.05 / 600.0, [32, 32]).unwrap()
+    };
+    angles.map(view).to_vec()
+}
+
+fn observed(cloud: &Cloud, light: &Light, views: &[View]) -> Observation {
+    let solver = Solver::Ordinates(OrdinatesSettings::with_accuracy(0.05).unwrap());
+    let scene = light.scene(cloud).unwrap();
+    let images = render(&scene, views, &solver, &()).unwrap().images;
+    Observation::new(light.recorded(cloud), views.to_vec(), images).unwrap()
 }
 
 fn estimate(geometry: &ImagingGeometry, images: &ViewStack, grid: Option<&Grid>) -> Volume {
@@ -133,16 +162,34 @@ fn other_levels_keep_the_optical_depth() {
         Grid { spacing: DVec3::new(0.05, 0.05, 0.16), shape: [8, SIZE[0], SIZE[1]], ..whole.grid };
     let volume = estimate(&geometry, &images, Some(&coarse));
     assert!((depth(&volume) / depth(&whole) - 1.0).abs() < 1e-4);
-    // A grid higher than 32 levels is estimated on wider voxels.
-    let high = Grid {
-        origin: DVec3::new(whole.grid.origin.x, whole.grid.origin.y, 0.0),
-        shape: [60, SIZE[0], SIZE[1]],
-        ..whole.grid
-    };
-    let volume = estimate(&geometry, &images, Some(&high));
-    assert_eq!(volume.grid, high);
-    let ratio = depth(&volume) / depth(&whole);
-    assert!((0.4..2.5).contains(&ratio), "{ratio}");
+}
+
+/// In a grid with many clear levels, the 32 levels of the network are placed where the cloud is.
+#[test]
+fn clear_levels_above_a_cloud_change_little() {
+    let (cloud, light) = (small_cloud(), light());
+    let target = cloud.grid.center();
+    let observation = observed(&cloud, &light, &views(target, 1.0));
+    let geometry = observation.imaging_geometry().unwrap();
+    let images = &observation.images;
+    let whole = estimate(&geometry, images, None);
+    let mass = |volume: &Volume| volume.values.iter().map(|&x| f64::from(x)).sum::<f64>();
+    for levels in [40, 64, 96] {
+        let high = Grid { shape: [levels, 32, 32], ..whole.grid };
+        let volume = estimate(&geometry, images, Some(&high));
+        assert_eq!(volume.grid, high);
+        let ratio = mass(&volume) / mass(&whole);
+        assert!((0.85..1.15).contains(&ratio), "{levels} levels: {ratio}");
+    }
+}
+
+#[test]
+fn a_grid_that_no_image_shows_is_refused() {
+    let (geometry, images) = (geometry(), images(6));
+    let grid = general().grid(&geometry, SIZE).unwrap();
+    let far = Grid { origin: grid.origin + DVec3::new(50.0, 0.0, 0.0), ..grid };
+    let error = general().estimate(&images, &geometry, Some(&far)).unwrap_err().to_string();
+    assert!(error.contains("no view shows any of its columns"), "{error}");
 }
 
 /// Images with pixels of a third of a voxel are averaged over the voxels: a pattern of single
@@ -179,7 +226,18 @@ fn the_folded_network_is_kept_for_the_same_geometry() {
 #[test]
 fn a_geometry_outside_the_training_is_refused_with_number_and_range() {
     type Change = fn(&mut ImagingGeometry);
-    let changes: [(Change, &str); 6] = [
+    let changes: [(Change, &str); 8] = [
+        (
+            |g| {
+                let views = &mut g.views;
+                (views.view_zenith_deg, views.view_azimuth_deg) = (vec![20.0; 6], vec![10.0; 6]);
+            },
+            "number of different views is 1, but must be 3 to 40",
+        ),
+        (
+            |g| g.views.camera_distance_km[2] = Some(0.5),
+            "altitude of a camera is 1.530 km (view 2), but must be above the grid",
+        ),
         (|g| g.views.sun_zenith_deg = 80.0, "solar zenith angle is 80.00, but must be 0 to 70"),
         (|g| g.views.view_zenith_deg[3] = 79.0, "view zenith angle is 79.00 (view 3)"),
         (|g| g.views.pixel_km[5] = 0.4, "pixel size at the target over that of a voxel is 8.000"),
@@ -203,26 +261,14 @@ fn a_geometry_outside_the_training_is_refused_with_number_and_range() {
 /// Images of a cloud by the solver are usual; deliberately wrong ones are named.
 #[test]
 fn images_unlike_those_of_the_training_are_named() {
-    let settings = CumulusSettings { width_km: Some(0.6), ..Default::default() };
-    let cloud = cumulus(&settings, 3).unwrap();
-    let mut light = Light::realistic();
-    light.sun = Sun::from_degrees(40.0, 130.0).unwrap();
+    let (cloud, light) = (small_cloud(), light());
     // Near the altitude of the target, all views agree whatever their directions.
     let target = cloud.grid.center() + DVec3::new(0.0, 0.0, 0.4);
-    let angles =
-        [(5.0, 0.0), (30.0, 20.0), (40.0, 95.0), (50.0, 150.0), (45.0, 250.0), (55.0, 310.0)];
-    let views = |sign: f64| {
-        angles.map(|(zenith, azimuth)| {
-            let to = towards(f64::to_radians(zenith), sign * f64::to_radians(azimuth));
-            View::perspective(target + 600.0 * to, target, 0.05 / 600.0, [32, 32]).unwrap()
-        })
-    };
-    let solver = Solver::Ordinates(OrdinatesSettings::with_accuracy(0.05).unwrap());
-    let scene = light.scene(&cloud).unwrap();
-    let images = render(&scene, &views(1.0), &solver, &()).unwrap().images;
+    let views = |sign| views(target, sign);
+    let images = observed(&cloud, &light, &views(1.0)).images;
     let unusual = |sign: f64, images: Array3<f32>| -> Vec<String> {
         let images = ViewStack::new(images).unwrap();
-        let observation = Observation::new(light.clone(), views(sign).to_vec(), images).unwrap();
+        let observation = Observation::new(light.clone(), views(sign), images).unwrap();
         let geometry = observation.imaging_geometry().unwrap();
         let estimator = general();
         let estimate = estimator.estimate(&observation.images, &geometry, None).unwrap();

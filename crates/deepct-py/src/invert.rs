@@ -179,9 +179,11 @@ pub(crate) fn invert(
 /// views : Views or sequence of View
 ///     The camera geometry of each image.
 /// network : Network
-///     The network. The result is on `network.grid(views)`.
+///     The network.
 /// light : Light, optional
-///     Scene illumination of the images. Default: `Light()`.
+///     Scene illumination of the images, required for general weights. Default: `Light()`.
+/// grid : Grid, optional
+///     The grid of the result. Default: `network.grid(views)`.
 /// quick : bool
 ///     Use the quick hybrid method: 12 steps and one correction by the accurate solver.
 /// mask : array of bool, [z, y, x], optional
@@ -203,8 +205,8 @@ pub(crate) fn invert(
 ///     arrays do not match, or a parameter is out of range.
 #[pyfunction]
 #[pyo3(signature = (
-    radiance, views, network, light = None, *, quick = false, mask = None, standard_error = None,
-    truth = None, **settings,
+    radiance, views, network, light = None, *, grid = None, quick = false, mask = None,
+    standard_error = None, truth = None, **settings,
 ))]
 #[allow(clippy::too_many_arguments)]
 pub(crate) fn hybrid(
@@ -213,6 +215,7 @@ pub(crate) fn hybrid(
     views: ViewSequence,
     network: &Network,
     light: Option<Light>,
+    grid: Option<Grid>,
     quick: bool,
     mask: Option<&Bound<'_, PyAny>>,
     standard_error: Option<&Bound<'_, PyAny>>,
@@ -220,7 +223,12 @@ pub(crate) fn hybrid(
     settings: Option<&Bound<'_, PyDict>>,
 ) -> PyResult<Reconstruction> {
     let mut request = Request {
-        observation: observation(radiance, views, light, standard_error)?,
+        observation: observation(
+            radiance,
+            views,
+            Some(Light(network.light(light)?)),
+            standard_error,
+        )?,
         mask: mask.map(|mask| booleans(mask, "mask", VOLUME)).transpose()?,
         truth: optional(truth, "truth")?,
         settings: keywords(py, settings)?,
@@ -231,7 +239,10 @@ pub(crate) fn hybrid(
     warn_of_waves(py, &request.observation.light)?;
     let network = network.inner();
     let solved = py.detach(|| {
-        let grid = network_grid(network, &request.observation)?;
+        let grid = match grid {
+            Some(grid) => grid.0,
+            None => network_grid(network, &request.observation)?,
+        };
         request.solve(grid, |problem, models, settings| {
             if quick {
                 *models = models.clone().quick();

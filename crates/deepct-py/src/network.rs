@@ -9,7 +9,7 @@ use deepct_core::grid::Mask;
 use deepct_core::image::ViewStack;
 use deepct_core::network::{Estimator, TrainedWeights};
 use deepct_core::scene::{self, Observation, View, imaging_geometry};
-use deepct_core::{Result, io};
+use deepct_core::{Error, Result, io};
 use numpy::PyArray3;
 use pyo3::exceptions::PyUserWarning;
 use pyo3::prelude::*;
@@ -86,7 +86,8 @@ impl Network {
     /// views : Views or sequence of View
     ///     The camera geometry of each image.
     /// light : Light, optional
-    ///     Scene illumination of the images; only Sun and wavelength are used.
+    ///     Scene illumination of the images; only Sun and wavelength are used. Required for general
+    ///     weights; others accept one Sun only, by default that of `Light()`.
     /// mask : array of bool, [z, y, x], optional
     ///     Cloud mask, for example from `carve`. The extinction is set to zero outside the mask.
     /// grid : Grid, optional
@@ -138,7 +139,7 @@ impl Network {
         grid: Option<Grid>,
     ) -> PyResult<BTreeMap<String, f64>> {
         let radiance = Floats::new(radiance, "radiance", IMAGES)?.to_owned();
-        let light = or_default(light);
+        let light = self.light(light)?;
         let statistics = py.detach(|| {
             let observation = Observation::new(light, views.0, ViewStack::new(radiance)?)?;
             let geometry = observation.imaging_geometry()?;
@@ -170,7 +171,7 @@ impl Network {
     ) -> PyResult<(Field, Option<Field>)> {
         let radiance = Floats::new(radiance, "radiance", IMAGES)?.to_owned();
         let mask = mask.map(|mask| booleans(mask, "mask", VOLUME)).transpose()?;
-        let light = or_default(light);
+        let light = self.light(light)?;
         let (estimate, unusual) = py
             .detach(|| {
                 let observation = Observation::new(light, views.0, ViewStack::new(radiance)?)?;
@@ -207,6 +208,15 @@ impl Network {
 }
 
 impl Network {
+    /// The given light, or the default one for weights that accept no other Sun than its.
+    pub(crate) fn light(&self, light: Option<Light>) -> PyResult<scene::Light> {
+        if light.is_none() && self.0.weights().formation().is_none() {
+            let range = "given: general weights need the direction of the Sun";
+            return Err(raise(Error::out_of_range("light", "missing", range)));
+        }
+        Ok(or_default(light))
+    }
+
     /// The network of the library.
     pub(crate) fn inner(&self) -> &Estimator {
         &self.0

@@ -32,10 +32,15 @@ SIZE = 32
 BINS = 8
 """Number of pairs of the calibration, each for an equal number of images."""
 
-USUAL = 0.02
-"""Share of the images below and above the typical range of a statistic, before the margin."""
-MARGIN = 0.05
-"""Relative margin of the typical range."""
+USUAL = {"explained": 0.05, "explained_few": 0.05}
+"""Share of the images below the typical range of a statistic, before the margin. A wrong geometry
+reduces how well images are explained by little, so that more right images are named with it."""
+OTHERS = 0.01
+"""The same for all other statistics, and the share above the range."""
+MARGINS = {"background": (0.5, 0.1), "brightest": (0.3, 0.1)}
+"""Relative margins below and above: surfaces may be darker than nearly all of the training."""
+MOST_EQUAL = 0.005
+"""Share of equal pixels that is typical; images that are not quantised have none."""
 
 _PEARLS = len(PEARLS_32_DEG)
 FORMATIONS: tuple[tuple[bool, tuple[int, ...]], ...] = (
@@ -82,10 +87,13 @@ def calibrate(
     typical = {}
     for name in sorted({name for result in results for name in result.statistics}):
         values = [each.statistics[name] for each in results if name in each.statistics]
-        low, high = np.quantile(values, [USUAL, 1.0 - USUAL])
-        # Images that are not quantised have no equal pixels.
-        low = 0.0 if name == "equal" else float((1.0 - MARGIN) * low)
-        typical[name] = (low, float((1.0 + MARGIN) * high))
+        low, high = np.quantile(values, [USUAL.get(name, OTHERS), 1.0 - OTHERS])
+        below, above = MARGINS.get(name, (0.0, 0.0))
+        typical[name] = (float((1.0 - below) * low), float((1.0 + above) * high))
+        if name == "equal":
+            typical[name] = (0.0, max(MOST_EQUAL, float(high)))
+        if name in USUAL:
+            typical[name] = (float(low), 1.0)
         report(f"{name}: {typical[name][0]:.4f} to {typical[name][1]:.4f}")
     described = replace(bare, calibration=pairs, typical=typical)
     write_general_weights(output, replace(weights, description=described))

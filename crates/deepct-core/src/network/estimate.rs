@@ -21,10 +21,24 @@ impl From<Volume> for Estimate {
 
 impl Estimate {
     /// The relative error (epsilon) that the network expects of its estimate: the sum of the
-    /// uncertainty over that of the extinction. `None` if there is no uncertainty.
+    /// uncertainty over that of the extinction. `None` if there is no uncertainty or no extinction.
     pub fn expected_relative_error(&self) -> Option<f64> {
         let sum = |volume: &Volume| volume.values.iter().map(|&v| f64::from(v)).sum::<f64>();
-        self.uncertainty.as_ref().map(|uncertainty| sum(uncertainty) / sum(&self.extinction))
+        let extinction = sum(&self.extinction);
+        let uncertainty = self.uncertainty.as_ref()?;
+        (extinction > 0.0).then(|| sum(uncertainty) / extinction)
+    }
+
+    /// The shares of the extinction in the lowest and in the highest level. If one of them is not
+    /// small, the cloud may extend beyond the grid.
+    pub fn shares_at_ends(&self) -> [f64; 2] {
+        let level = |number: usize| {
+            let level = self.extinction.values.index_axis(ndarray::Axis(0), number);
+            level.iter().map(|&value| f64::from(value)).sum::<f64>()
+        };
+        let total: f64 = self.extinction.values.iter().map(|&value| f64::from(value)).sum();
+        let last = self.extinction.grid.shape[0] - 1;
+        [0, last].map(|number| if total > 0.0 { level(number) / total } else { 0.0 })
     }
 
     /// Multiplies the uncertainty by the ratio of the error found to the error expected, which is

@@ -15,6 +15,14 @@ use std::sync::{Arc, Mutex, PoisonError};
 /// bilinear interpolation alone would leave most of their pixels unused.
 const FINE_PIXEL: f64 = 0.67;
 
+/// Columns beyond the requested grid that are computed where the images show them: about half the
+/// receptive field, whose padding with zeros would otherwise change the estimate at the edges.
+const MARGIN: usize = 8;
+
+/// Share of the extinction above and below which a first estimate is cut off to find the altitudes
+/// of the cloud.
+const TAIL: f64 = 0.005;
+
 /// Number of significant digits of the voxel size derived from a pixel size.
 const DIGITS: f64 = 1e6;
 
@@ -123,8 +131,8 @@ impl Estimator {
     /// [`Estimator::grid`].
     ///
     /// General weights accept any regular grid. They estimate on voxels as wide as those of the
-    /// grid, or wider if the grid is higher than their levels, and the result is resampled onto the
-    /// grid. Weights of one formation accept grids with their own voxels and levels.
+    /// grid, or wider if the cloud is higher than their levels, and the result is resampled onto
+    /// the grid. Weights of one formation accept grids with their own voxels and levels.
     ///
     /// # Errors
     /// A geometry that the weights do not support, with the number at fault; a number of images
@@ -145,15 +153,9 @@ impl Estimator {
         let grid = grid.unwrap_or(&own);
         let inner = match &self.weights {
             TrainedWeights::Formation(_) => *grid,
-            TrainedWeights::General(weights) => inner_grid(weights, grid)?,
+            TrainedWeights::General(weights) => self.inner_grid(weights, images, geometry, grid)?,
         };
-        let network = self.network(geometry, &inner)?;
-        let averaged = match &self.weights {
-            TrainedWeights::Formation(_) => None,
-            TrainedWeights::General(_) => average_fine_pixels(images, geometry, inner.spacing.x),
-        };
-        let images = averaged.as_ref().unwrap_or(images);
-        let mut estimate = network.estimate_on(&inner, images, geometry)?;
+        let mut estimate = self.on_inner(images, geometry, &inner, self.outside_training)?;
         if let TrainedWeights::General(weights) = &self.weights {
             estimate.calibrate(&weights.metadata.calibration);
         }
@@ -170,6 +172,54 @@ impl Estimator {
         };
         let uncertainty = estimate.uncertainty.as_ref().map(moved).transpose()?;
         Ok(Estimate { extinction: moved(&estimate.extinction)?, uncertainty })
+    }
+
+    /// The estimate on a grid with the voxels and levels of a network.
+    fn on_inner(
+        &self,
+        images: &ViewStack,
+        geometry: &ImagingGeometry,
+        inner: &Grid,
+        force: bool,
+    ) -> Result<Estimate> {
+        let network = self.folded(geometry, inner, force)?;
+        let averaged = match &self.weights {
+            TrainedWeights::Formation(_) => None,
+            TrainedWeights::General(_) => average_fine_pixels(images, geometry, inner.spacing.x),
+        };
+        network.estimate_on(inner, averaged.as_ref().unwrap_or(images), geometry)
+    }
+
+    /// The grid on which general weights estimate the field of a grid: with its own levels, voxels as
+    /// wide as those of the grid, and a margin of columns where the images show them. If the grid is
+    /// higher than these levels, they cover the altitudes of the cloud in a first estimate on wider
+    /// voxels, which may be outside the training.
+    fn inner_grid(
+        &self,
+        weights: &GeneralWeights,
+        images: &ViewStack,
+        geometry: &ImagingGeometry,
+        grid: &Grid,
+    ) -> Result<Grid> {
+        let [_, rows, cols] = images.shape();
+        let shown = self.grid(geometry, [rows, cols])?;
+        let levels = weights.metadata.levels;
+        let in_levels = |height: f64| height / (levels.count as f64 * levels.height);
+        let wide = grid.spacing.x.max(grid.spacing.y);
+        let covering = in_levels(grid.extent().z);
+        // The extent of a grid read from a file has rounding errors.
+        if covering <= wide * (1.0 + 1e-4) {
+            return covered(weights, grid, &shown, wide, grid.center().z);
+        }
+        let inner = covered(weights, grid, &shown, covering, grid.center().z)?;
+        let first = self.on_inner(images, geometry, &inner, true)?.extinction;
+        let Some([low, high]) = altitudes(&first) else { return Ok(inner) };
+        let voxel_km = in_levels(high - low).max(wide);
+        // The window stays within the grid as far as it can.
+        let half = 0.5 * voxel_km * levels.count as f64 * levels.height;
+        let (bottom, top) = (grid.lower().z + half, grid.upper().z - half);
+        let middle = (0.5 * (low + high)).min(top).max(bottom);
+        covered(weights, grid, &shown, voxel_km, middle)
     }
 
     /// The statistics of images that are outside their range in the training of general weights, for
@@ -203,7 +253,7 @@ impl Estimator {
     /// - `background` and `brightest`: the radiance below which a tenth of all pixels lies, and the
     ///   largest one, over the cosine of the solar zenith angle (1/sr for a solar irradiance of 1);
     /// - `equal`: the largest share of the pixels of a view that have the largest radiance of the
-    ///   view;
+    ///   view, without the first five of them;
     /// - `explained`, or `explained_few` for at most five views: the mean over the views of the
     ///   correlation of the image with `1 - exp(-t / 8)`, where `t` is the optical depth of the
     ///   estimate of the images along the lines of sight.
@@ -221,12 +271,13 @@ impl Estimator {
             return Err(Error::out_of_range("weights", "for one formation", range));
         };
         let grid = &estimate.extinction.grid;
-        let inner = inner_grid(weights, grid)?;
-        let network = self.network(geometry, &inner)?;
+        let inner = self.inner_grid(weights, images, geometry, grid)?;
         if inner.matches(grid) {
+            let network = self.network(geometry, &inner)?;
             return image_statistics(&network, images, geometry, &estimate.extinction);
         }
-        let on_inner = self.estimate(images, geometry, Some(&inner))?;
+        let on_inner = self.on_inner(images, geometry, &inner, self.outside_training)?;
+        let network = self.network(geometry, &inner)?;
         image_statistics(&network, images, geometry, &on_inner.extinction)
     }
 
@@ -235,6 +286,10 @@ impl Estimator {
     /// # Errors
     /// As [`GeneralWeights::fold`].
     pub fn network(&self, geometry: &ImagingGeometry, grid: &Grid) -> Result<Arc<Network>> {
+        self.folded(geometry, grid, self.outside_training)
+    }
+
+    fn folded(&self, geometry: &ImagingGeometry, grid: &Grid, force: bool) -> Result<Arc<Network>> {
         let levels = [grid.spacing.x, grid.spacing.z, grid.origin.z];
         // Neither the irradiance nor the horizontal position of the target changes the network.
         let mut geometry = geometry.clone();
@@ -251,7 +306,7 @@ impl Estimator {
                 Network::with_settings(weights, self.settings)?
             }
             (TrainedWeights::General(weights), _) => {
-                let weights = weights.fold(&geometry, grid, self.outside_training)?;
+                let weights = weights.fold(&geometry, grid, force)?;
                 Network::with_settings(&weights, self.settings)?
             }
         };
@@ -261,23 +316,61 @@ impl Estimator {
     }
 }
 
-/// The grid on which general weights estimate the field of a grid: with its own levels, and with
-/// voxels so large that it covers the grid.
-fn inner_grid(weights: &GeneralWeights, grid: &Grid) -> Result<Grid> {
-    let levels = weights.metadata.levels;
-    let (spacing, extent) = (grid.spacing, grid.extent());
-    let highest = extent.z / (levels.count as f64 * levels.height);
-    let wide = spacing.x.max(spacing.y);
-    // The extent of a grid read from a file has rounding errors.
-    let voxel_km = if highest > wide * (1.0 + 1e-4) { highest } else { wide };
+/// The grid of general weights with voxels of `voxel_km` whose columns cover those of `grid` and a
+/// margin as far as `shown`, and whose levels are centred on the altitude `middle`.
+fn covered(
+    weights: &GeneralWeights,
+    grid: &Grid,
+    shown: &Grid,
+    voxel_km: f64,
+    middle: f64,
+) -> Result<Grid> {
+    let extent = grid.extent();
     let [rows, cols] = [extent.y, extent.x].map(|length| (length / voxel_km - 1e-4).ceil());
-    let mut inner = weights.grid(voxel_km, grid.center(), [rows as usize, cols as usize])?;
+    let mut inner = weights.grid(
+        voxel_km,
+        DVec3::new(grid.center().x, grid.center().y, middle),
+        [rows as usize, cols as usize],
+    )?;
     // A grid with few levels lies at the bottom of those of the network rather than below ground.
-    let above_ground = grid.origin.z >= 0.0;
-    if above_ground && inner.origin.z < 0.0 {
+    if grid.origin.z >= 0.0 && inner.origin.z < 0.0 {
         inner.origin.z = 0.0;
     }
+    let columns = |length: f64| ((length / voxel_km + 1e-4).floor().max(0.0) as usize).min(MARGIN);
+    let before = inner.lower() - shown.lower();
+    let after = shown.upper() - inner.upper();
+    let [south, west] = [columns(before.y), columns(before.x)];
+    inner.origin -= voxel_km * DVec3::new(west as f64, south as f64, 0.0);
+    inner.shape[1] += south + columns(after.y);
+    inner.shape[2] += west + columns(after.x);
     Ok(inner)
+}
+
+/// The altitudes (km) between which nearly all of the extinction is, with a level more on each side;
+/// `None` if there is no extinction.
+fn altitudes(extinction: &Volume) -> Option<[f64; 2]> {
+    let levels: Vec<f64> = extinction
+        .values
+        .outer_iter()
+        .map(|level| level.iter().map(|&value| f64::from(value)).sum())
+        .collect();
+    let total: f64 = levels.iter().sum();
+    if total <= 0.0 {
+        return None;
+    }
+    let mut below = 0.0;
+    let cumulative: Vec<f64> = levels
+        .iter()
+        .map(|level| {
+            below += level / total;
+            below
+        })
+        .collect();
+    let first = cumulative.iter().position(|share| *share > TAIL)?;
+    let last = cumulative.iter().position(|share| *share >= 1.0 - TAIL)?;
+    let grid = &extinction.grid;
+    let edge = |level: f64| grid.origin.z + grid.spacing.z * level;
+    Some([edge(first as f64 - 1.0), edge(last as f64 + 2.0)])
 }
 
 /// The images with each pixel replaced by the mean over the area of a voxel around it, for views

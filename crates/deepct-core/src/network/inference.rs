@@ -143,6 +143,12 @@ impl Network {
         let mut values = Array3::zeros([self.output_channels(), size[0], size[1]]);
         let output = values.as_slice_mut().expect("a new array is contiguous");
         let field = Field { size, center: [center.y - y, center.x - x] };
+        if let Some(resampler) = &self.resampler
+            && !resampler.shows(field, [rows, cols])
+        {
+            let range = "in the images: no view shows any of its columns";
+            return Err(Error::out_of_range("grid of the estimate", format!("{grid:?}"), range));
+        }
         self.run_on(radiance, [rows, cols], field, output, &mut scratch)?;
         let uncertainty = match self.metadata.outputs.contains(&NetworkOutput::Uncertainty) {
             true => Some(Volume::new(*grid, values.slice(s![self.levels().., .., ..]).to_owned())?),

@@ -179,6 +179,21 @@ impl PlaneResampler {
         }
     }
 
+    /// Whether any view of `[rows, cols]` pixels shows any column of a field on the plane of the
+    /// target.
+    pub(super) fn shows(&self, field: Field, [rows, cols]: [usize; 2]) -> bool {
+        let place = |axis: usize, at: usize| {
+            let voxels = at as f64 + 0.5 - 0.5 * field.size[axis] as f64;
+            field.center[axis] + self.spacing[axis] * voxels
+        };
+        let is_inside = |view: &View, row: usize, col: usize| {
+            let [y, x] = view.camera.project(place(1, col), place(0, row));
+            y.abs() <= 0.5 * rows as f64 && x.abs() <= 0.5 * cols as f64
+        };
+        let mut columns = (0..field.size[0]).flat_map(|j| (0..field.size[1]).map(move |i| (j, i)));
+        columns.any(|(row, col)| self.views.iter().any(|view| is_inside(view, row, col)))
+    }
+
     /// The images on the plane of the target, `[view, row, col]`, from those with a margin. Rows that
     /// no plane reads are 0.
     pub(super) fn without_margin(&self, ground: &[f32], size: [usize; 2]) -> Vec<f32> {

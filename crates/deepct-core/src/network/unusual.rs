@@ -15,6 +15,9 @@ const EXPLAINED: &str = "explained";
 const EXPLAINED_FEW: &str = "explained_few";
 const FEW: usize = 5;
 
+/// Number of pixels that may have the largest radiance of their view by chance.
+const FEW_PIXELS: usize = 5;
+
 /// Optical depth at which the brightness of a cloud has reached about 60 % of its largest value.
 const BRIGHT_DEPTH: f64 = 8.0;
 
@@ -57,8 +60,8 @@ fn meaning(name: &str) -> &str {
 /// - `background` and `brightest`: the radiance (1/sr for a solar irradiance of 1) below which a
 ///   tenth of all pixels lies, and the largest one, over the cosine of the solar zenith angle.
 ///   Images in other units have other values.
-/// - `equal`: the largest share of the pixels of a view that have the largest radiance of the view.
-///   It is large if the sensor is saturated.
+/// - `equal`: the largest share of the pixels of a view that have the largest radiance of the view,
+///   without the first five of them. It is large if the sensor is saturated.
 /// - `explained`, or `explained_few` for at most five views: the mean over the views of the
 ///   correlation of the image with `1 - exp(-t / 8)`, where `t` is the optical depth of the
 ///   estimate along the lines of sight. It is low if the geometry is not that of the images.
@@ -78,7 +81,8 @@ pub(super) fn image_statistics(
     let background = f64::from(*background) / sun;
     let equal = images.values.outer_iter().map(|image| {
         let largest = image.iter().copied().fold(f32::NEG_INFINITY, f32::max);
-        image.iter().filter(|value| **value == largest).count() as f64 / image.len() as f64
+        let count = image.iter().filter(|value| **value == largest).count();
+        count.saturating_sub(FEW_PIXELS) as f64 / image.len() as f64
     });
     let name = if images.shape()[0] <= FEW { EXPLAINED_FEW } else { EXPLAINED };
     Ok(BTreeMap::from([

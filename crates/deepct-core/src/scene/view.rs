@@ -245,7 +245,7 @@ pub fn target(views: &[View]) -> Result<DVec3> {
         None => Ok(first.target),
         Some(number) => Err(Error::mismatch(
             format!("target of view {number} (km)"),
-            format!("{}, the target of view 0,", first.target),
+            format!("{}, the target of view 0", first.target),
             views[number].target,
             "give views that look at one point",
         )),

@@ -298,6 +298,7 @@ def hybrid(
     network: Network,
     light: Optional[Light] = None,
     *,
+    grid: Optional[Grid] = None,
     quick: bool = False,
     mask: Optional[ArrayLike] = None,
     standard_error: Optional[ArrayLike] = None,

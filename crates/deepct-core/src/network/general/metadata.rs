@@ -3,12 +3,16 @@
 use crate::error::{Error, Result};
 use crate::grid::Grid;
 use crate::image::ImagingGeometry;
+use crate::math::towards;
 use crate::network::{NetworkOutput, Training};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
 /// The version of the metadata of general weights.
 const GENERAL_FORMAT_VERSION: u32 = 4;
+
+/// Views in directions that differ by no more than this (radians) are the same view.
+const SAME_DIRECTION: f64 = 0.005;
 
 /// Relative tolerance of voxel sizes.
 const SPACING_TOLERANCE: f64 = 1e-3;
@@ -232,6 +236,20 @@ impl GeneralMetadata {
         let count = theirs.view_zenith_deg.len();
         if !within(count as f64, *views) {
             return Err(outside("number of views", count.to_string(), *views, ""));
+        }
+        let directions: Vec<_> = theirs
+            .view_zenith_deg
+            .iter()
+            .zip(&theirs.view_azimuth_deg)
+            .map(|(zenith, azimuth)| towards(zenith.to_radians(), azimuth.to_radians()))
+            .collect();
+        let is_new = |view: &usize| {
+            let to = directions[*view];
+            directions[..*view].iter().all(|other| other.angle_between(to) > SAME_DIRECTION)
+        };
+        let different = (0..count).filter(is_new).count();
+        if (different as f64) < views[0] {
+            return Err(outside("number of different views", different.to_string(), *views, ""));
         }
         let sun = theirs.sun_zenith_deg;
         if !within(sun, *sun_zenith_deg) {

@@ -55,6 +55,22 @@ pub struct GeneralWeights {
     layers: Vec<(LayerWeights, BatchNorm)>,
 }
 
+/// Returns an error if a camera is not above the grid.
+fn check_cameras(geometry: &ImagingGeometry, grid: &Grid) -> Result<()> {
+    let [.., target] = geometry.target_km;
+    let cameras = geometry.views.camera_distance_km.iter().zip(&geometry.views.view_zenith_deg);
+    for (view, (distance, zenith)) in cameras.enumerate() {
+        let Some(distance) = distance else { continue };
+        let (altitude, top) = (target + distance * zenith.to_radians().cos(), grid.upper().z);
+        if altitude <= top {
+            let value = format!("{altitude:.3} km (view {view})");
+            let range = format!("above the grid, which ends at {top:.3} km");
+            return Err(Error::out_of_range("altitude of a camera", value, range));
+        }
+    }
+    Ok(())
+}
+
 /// The factor and the shift of a channel: those of the batch norm, followed by a multiplication by
 /// one plus the first modulation and the addition of the second.
 fn affine(norm: &BatchNorm, channel: usize, [scale, shift]: [f64; 2]) -> [f64; 2] {
@@ -134,6 +150,7 @@ impl GeneralWeights {
         if !force {
             self.metadata.check_range(geometry, voxel_km)?;
         }
+        check_cameras(geometry, grid)?;
         let features = Features::new(&geometry.views, voxel_km)?;
         let views = features.views.len();
         let factors: Vec<Vec<f64>> = features
