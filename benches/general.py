@@ -126,15 +126,15 @@ def test_clouds(arguments: argparse.Namespace) -> list[Cloud]:
     return chosen + [read_cloud(path, "RICO") for path in arguments.rico]
 
 
-def situations(name: str, cloud: Cloud, number: int) -> Iterator[Situation]:
-    """The situations with a name, for the cloud with a number."""
+def situations(name: str, cloud: Cloud) -> Iterator[Situation]:
+    """The situations with a name, for a cloud; they depend on the name of the cloud only."""
     paper = (30.0, 45.0)
     if name in ("ten", "pearls"):
         formation = {"ten": "cloudct-10", "pearls": "pearls-32"}[name]
         views = deepct.Views.load(formation, cloud.grid.center)
         yield Situation(name, tuple(views.zenith_deg), tuple(views.azimuth_deg), paper)
         return
-    draw = np.random.default_rng([11, number, ("random", "few", "map").index(name)])
+    draw = np.random.default_rng(list(f"{cloud.name} {name}".encode()))
     if name == "map":
         for sun in (10.0, 30.0, 50.0, 65.0):
             for count in (3, 5, 8, 12, 20):
@@ -288,7 +288,7 @@ def main() -> None:
         for name in arguments.situations.split(","):
             if name == "map" and number >= arguments.map_clouds:
                 continue
-            for situation in situations(name, cloud, number):
+            for situation in situations(name, cloud):
                 for solver in arguments.solvers.split(","):
                     for weights, network in bench.networks.items():
                         fixed = network.metadata.get("formation")
