@@ -25,7 +25,7 @@ const BRIGHT_DEPTH: f64 = 8.0;
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct Unusual {
-    /// The name of the statistic ([`image_statistics`]).
+    /// The name of the statistic, see [`Estimator::image_statistics`](super::Estimator::image_statistics).
     pub name: String,
     /// Its value.
     pub value: f64,
