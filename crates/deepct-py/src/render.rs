@@ -150,7 +150,7 @@ pub(crate) fn render(
         }),
         "ordinates" => Solver::Ordinates(OrdinatesSettings {
             estimate_error,
-            ..noise
+            ..accuracy
                 .map_or(Ok(OrdinatesSettings::default()), OrdinatesSettings::with_accuracy)
                 .map_err(raise)?
         }),

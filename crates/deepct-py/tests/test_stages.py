@@ -245,3 +245,22 @@ def test_a_hybrid_starts_from_the_network(views):
     assert np.allclose(found.extinction, guess, rtol=1e-4, atol=1e-4)
     better = deepct_py.hybrid(images.radiance, near, network, iterations=3, **options)
     assert better.history[-1]["misfit"] < found.history[-1]["misfit"]
+
+
+def test_ordinates_are_as_accurate_as_requested():
+    grid = deepct_py.Grid((4, 4, 4), (0.05, 0.05, 0.04), (0.0, 0.0, 0.5))
+    extinction = np.full(grid.shape, 60.0, np.float32)
+    views = deepct_py.Views.load("cloudct-10", grid.center, (4, 4))
+
+    def images(accuracy):
+        how = {"solver": "ordinates", "estimate_error": False, "accuracy": accuracy}
+        return deepct_py.render(extinction, grid, views, **how).radiance
+
+    usual, coarse = images(None), images(0.05)
+    assert np.array_equal(usual, images(0.01))
+    difference = np.abs(coarse / usual - 1.0).max()
+    assert 1e-4 < difference < 0.1
+    with pytest.raises(ValueError, match="noise is given, but must be omitted"):
+        deepct_py.render(extinction, grid, views, solver="ordinates", noise=0.05)
+    with pytest.raises(ValueError, match="accuracy is given, but must be omitted"):
+        deepct_py.render(extinction, grid, views, accuracy=0.05)
