@@ -78,8 +78,6 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let observation = read_observation(&args.images)?;
     let mut estimate =
         infer(&network, &observation, grid.as_ref()).map_err(Error::in_file(&args.images))?;
-    args.network.warn_of_unusual_images(&network, &observation, &estimate)?;
-    args.network.warn_of_ends(&estimate);
     let rounding = match convolution.precision {
         conv::Precision::Single => None,
         _ => {
@@ -88,7 +86,10 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
             Some(Rounding::between(&estimate.extinction, &exact.extinction))
         }
     };
-    if let Some(mask) = find_mask(args, &observation, &estimate.extinction)? {
+    let mask = find_mask(args, &observation, &estimate.extinction)?;
+    args.network.warn_of_unusual_images(&network, &observation, &estimate)?;
+    args.network.warn_of_ends(&estimate);
+    if let Some(mask) = mask {
         mask.apply(&mut estimate.extinction)?;
         estimate.uncertainty.as_mut().map_or(Ok(()), |values| mask.apply(values))?;
     }
