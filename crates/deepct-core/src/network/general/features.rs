@@ -10,10 +10,10 @@ pub(super) const VIEW_FEATURES: usize = 18;
 /// Number of features of the scene.
 pub(super) const SCENE_FEATURES: usize = 9;
 
-/// Largest tangent of the zenith angle along x and along y that is told apart.
+/// Limit of the tangents of the zenith angle along x and along y in the features.
 const LARGEST_TANGENT: f64 = 4.0;
 
-/// Lower limit of the size of a pixel (voxels) that is told apart: much smaller pixels are averaged
+/// Lower limit of the size of a pixel (voxels) in the features: much smaller pixels are averaged
 /// over a voxel, and a training has none.
 const FINEST_PIXEL: f64 = 0.9;
 
