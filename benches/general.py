@@ -2,7 +2,7 @@
 """Accuracy of networks on test clouds for many formations and Suns (docs/notes/general_network.md).
 
     python3 benches/general.py --simulations FOLDER --work DIR [--weights general,cloudct-10] \
-        [--situations ten,pearls,random,few,map] [--solvers ordinates,monte-carlo] [--clouds 24] \
+        [--situations ten,pearls,random,few,map] [--solvers ordinates,coarse,monte-carlo] [--clouds 24] \
         [--rico CLOUD.nc] [--program target/release/deepct]
 
 Clouds: samples of `recipes/bomex-test.toml`, evenly distributed over their sizes, and optionally a
@@ -45,6 +45,8 @@ ALTITUDE_KM = 600.0
 PIXEL_KM = 0.05
 """Pixel size below a camera."""
 EARTH_KM = 6371.0
+COARSE = 0.05
+"""Accuracy of the coarse ordinates, that of the training scenes of weights_tools."""
 NOISE = 0.02
 """Relative noise of bright pixels in Monte Carlo images."""
 LARGE, THICK = 800, 30.0
@@ -173,6 +175,8 @@ class Bench:
         if not path.exists():
             views = situation.views(cloud.grid.center, cloud.grid.shape[1:])
             how = {"solver": "ordinates", "estimate_error": False}
+            if solver == "coarse":
+                how["accuracy"] = COARSE
             if solver == "monte-carlo":
                 how = {"solver": "monte-carlo", "noise": NOISE, "seed": 5}
             rendering = deepct.render(cloud.extinction, cloud.grid, views, light,
