@@ -2,7 +2,7 @@
 """Accuracy of networks on test clouds for many formations and Suns (docs/notes/general_network.md).
 
     python3 benches/general.py --simulations FOLDER --work DIR [--weights general,cloudct-10] \
-        [--situations ten,pearls,random,few,map] [--solvers ordinates,coarse,monte-carlo] [--clouds 24] \
+        [--situations ten,pearls,random,few,land,ten-land,map] [--solvers ordinates,coarse,monte-carlo] [--clouds 24] \
         [--rico CLOUD.nc] [--program target/release/deepct]
 
 Clouds: samples of `recipes/bomex-test.toml`, evenly distributed over their sizes, and optionally a
@@ -11,6 +11,8 @@ cloud of another simulation (`extinction`, or `lwc` and `reff`, on x, y, z in km
 - ten, pearls: the formations cloudct-10 and pearls-32 with their Sun (30, 45 degrees);
 - random: 6 to 20 views in random directions up to 60 degrees from the zenith, the Sun at 0 to 60;
 - few: the same with 3 to 5 views;
+- land: 6 to 20 views as in random, above a surface of an albedo of 0.08 to 0.25, and
+  ten-land: cloudct-10 with its Sun above one of 0.15;
 - map: every combination of 3, 5, 8, 12, 20 views and Sun at 10, 30, 50, 65 degrees, for the first
   clouds.
 
@@ -29,7 +31,7 @@ import hashlib
 import json
 import math
 import subprocess
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Iterator
 
@@ -80,6 +82,8 @@ class Situation:
     zenith: tuple[float, ...]
     azimuth: tuple[float, ...]
     sun: tuple[float, float]
+    albedo: float = 0.05
+    """Albedo of the surface."""
 
     def views(self, target: tuple[float, float, float], size: tuple[int, int]) -> deepct.Views:
         cameras = []
@@ -136,14 +140,21 @@ def situations(name: str, cloud: Cloud) -> Iterator[Situation]:
         views = deepct.Views.load(formation, cloud.grid.center)
         yield Situation(name, tuple(views.zenith_deg), tuple(views.azimuth_deg), paper)
         return
+    if name == "ten-land":
+        for situation in situations("ten", cloud):
+            yield replace(situation, name=name, albedo=0.15)
+        return
     draw = np.random.default_rng(list(f"{cloud.name} {name}".encode()))
     if name == "map":
         for sun in (10.0, 30.0, 50.0, 65.0):
             for count in (3, 5, 8, 12, 20):
                 yield any_formation(draw, f"map {sun:.0f} {count}", count, sun)
         return
-    count = int(draw.integers(6, 21) if name == "random" else draw.integers(3, 6))
-    yield any_formation(draw, name, count, float(draw.uniform(0.0, 60.0)))
+    count = int(draw.integers(3, 6) if name == "few" else draw.integers(6, 21))
+    situation = any_formation(draw, name, count, float(draw.uniform(0.0, 60.0)))
+    if name == "land":
+        situation = replace(situation, albedo=float(draw.uniform(0.08, 0.25)))
+    yield situation
 
 
 def any_formation(draw: np.random.Generator, name: str, count: int, sun: float) -> Situation:
@@ -186,7 +197,8 @@ class Bench:
 
     def light(self, situation: Situation) -> deepct.Light:
         return deepct.Light(sun_zenith_deg=situation.sun[0], sun_azimuth_deg=situation.sun[1],
-                            air=True, phase="mie", extinction="mie")
+                            air=True, surface_albedo=situation.albedo, phase="mie",
+                            extinction="mie")
 
     def row(self, cloud: Cloud, situation: Situation, solver: str, name: str) -> dict[str, Any]:
         """The scores of one network for one cloud."""
@@ -296,7 +308,8 @@ def main() -> None:
                 for solver in arguments.solvers.split(","):
                     for weights, network in bench.networks.items():
                         fixed = network.metadata.get("formation")
-                        own = {"ten": "cloudct-10", "pearls": "pearls-32"}.get(name)
+                        own = {"ten": "cloudct-10", "ten-land": "cloudct-10",
+                               "pearls": "pearls-32"}.get(name)
                         if fixed is not None and (fixed != own or cloud.regime != "BOMEX"):
                             continue
                         row = bench.row(cloud, situation, solver, weights)

@@ -287,6 +287,26 @@ fn images_unlike_those_of_the_training_are_named() {
     assert_eq!(unusual(1.0, values.mapv(|value| value.min(most))), ["equal"]);
 }
 
+/// A surface of albedo 0.2, whose radiance alone would be taken for clouds everywhere, changes the
+/// estimate by less than its error.
+#[test]
+fn a_bright_surface_is_not_taken_for_a_cloud() {
+    let cloud = small_cloud();
+    let views = views(cloud.grid.center(), 1.0);
+    let above = |albedo: f64| {
+        let mut light = light();
+        light.surface.albedo = albedo;
+        let observation = observed(&cloud, &light, &views);
+        let geometry = observation.imaging_geometry().unwrap();
+        estimate(&geometry, &observation.images, Some(&cloud.grid)).values
+    };
+    let (ocean, land) = (above(0.05), above(0.2));
+    let change = (&land - &ocean).mapv(f32::abs).sum() / ocean.sum();
+    assert!(change < 0.35, "{change}");
+    let total = land.sum() / ocean.sum();
+    assert!((0.8..1.2).contains(&total), "{total}");
+}
+
 /// Weights for one formation accept grids with their own voxels and levels only.
 #[test]
 fn weights_of_one_formation_keep_their_voxels() {

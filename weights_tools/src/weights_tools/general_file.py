@@ -49,6 +49,9 @@ class GeneralDescription:
     """Network input = radiance (1/sr) x input_scale."""
     output_scale: float = 50.0
     """Extinction (1/km) = network output x output_scale, for voxels of ``voxel_km``."""
+    surface_albedo: float | None = None
+    """Albedo of the surface by whose radiance that of other surfaces is replaced; none: images are
+    used as they are."""
     ranges: dict[str, tuple[float, float]] = field(default_factory=lambda: dict(RANGES))
     calibration: list[tuple[float, float]] = field(default_factory=list)
     """Pairs of the expected epsilon that the network states and the epsilon that was found, by
@@ -229,7 +232,8 @@ def _study(checkpoint: dict[str, Any]) -> tuple[GeneralArchitecture, dict[str, T
 
 def _header(weights: GeneralWeights) -> dict[str, Any]:
     sizes, description = weights.network.architecture, vars(weights.description)
-    optional = {key: description[key] for key in ("calibration", "typical") if description[key]}
+    # An empty table or list is the same as none; an albedo of 0 is not.
+    optional = {key: description[key] for key in _OPTIONAL if description[key] not in (None, {}, [])}
     required = {key: value for key, value in description.items() if key not in _OPTIONAL}
     return {
         "format_version": FORMAT_VERSION,
@@ -250,7 +254,7 @@ def _header(weights: GeneralWeights) -> dict[str, Any]:
     }
 
 
-_OPTIONAL = ("calibration", "typical")
+_OPTIONAL = ("surface_albedo", "calibration", "typical")
 _DESCRIBED = tuple(GeneralDescription.__dataclass_fields__)
 _KEYS = {
     *("format_version", "network", "architecture", "levels", "outputs", "program"),
@@ -293,6 +297,9 @@ def _architecture(header: dict[str, Any]) -> GeneralArchitecture:
 def _description(header: dict[str, Any]) -> GeneralDescription:
     for key in ("voxel_km", "wavelength_um", "input_scale", "output_scale"):
         _positive(header[key], key)
+    albedo = header.get("surface_albedo", 0.0)
+    if type(albedo) not in (int, float) or not 0.0 <= albedo <= 1.0:
+        raise ValueError(f"surface_albedo is {albedo!r}, not a number from 0 to 1")
     for key in ("training", "scores", "configuration"):
         if not isinstance(header[key], dict):
             raise ValueError(f"{key} is not an object")

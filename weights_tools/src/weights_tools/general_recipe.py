@@ -123,6 +123,8 @@ class GeneralScalingRecipe:
     """Network input = radiance (1/sr) x input_scale."""
     output_scale: float = 50.0
     """Extinction (1/km) = network output x output_scale."""
+    surface_albedo: float = 0.05
+    """The radiance of the surface in the images is replaced by that of a surface of this albedo."""
 
 
 @dataclass(frozen=True)
@@ -182,6 +184,7 @@ def _check(recipe: GeneralRecipe, path: Path) -> None:
         ("scenes.validation", scenes.validation >= 1, "at least 1"),
         ("scaling.input_scale", recipe.scaling.input_scale > 0.0, "positive"),
         ("scaling.output_scale", recipe.scaling.output_scale > 0.0, "positive"),
+        ("scaling.surface_albedo", 0.0 <= recipe.scaling.surface_albedo <= 1.0, "0 to 1"),
         ("stream.chunk", stream.chunk >= 1, "at least 1"),
         ("stream.chunks", stream.chunks >= 1, "at least 1"),
         ("stream.uses", stream.uses >= 1.0, "at least 1"),

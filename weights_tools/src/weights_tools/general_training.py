@@ -29,6 +29,7 @@ from weights_tools.metrics import mass_error, relative_error
 from weights_tools.planes import on_planes
 from weights_tools.scenes import CLOUDCT_10, PEARLS_32_DEG
 from weights_tools.stream import Batches, Pool, validation_chunks, wait_for
+from weights_tools.surface import above_surface
 from weights_tools.table import write_table
 
 LAST, BEST, WEIGHTS = "last.pt", "best.pt", "best.safetensors"
@@ -152,7 +153,8 @@ class GeneralTraining:
         truth, radiance, geometry, _ = self.validation.take(scenes, chosen)
         images = self.recipe.sensor.sense(radiance, generator, normal=True)
         scaling = self.recipe.scaling
-        scaled = images * scaling.input_scale
+        above = above_surface(images, geometry, scaling.surface_albedo)
+        scaled = above * scaling.input_scale
         planes = on_planes(scaled, geometry, self.recipe.network.heights)
         with torch.autocast(self.device.type, torch.bfloat16):
             outputs = self.network(planes, geometry).float() * scaling.output_scale
@@ -288,6 +290,7 @@ class GeneralTraining:
         return GeneralDescription(
             input_scale=self.recipe.scaling.input_scale,
             output_scale=self.recipe.scaling.output_scale,
+            surface_albedo=self.recipe.scaling.surface_albedo,
             training={
                 "data": ", ".join(files),
                 "identity": f"scenes of seed {self.recipe.scenes.seed}",

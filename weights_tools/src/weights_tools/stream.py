@@ -22,6 +22,7 @@ from weights_tools.general_recipe import GeneralRecipe
 from weights_tools.planes import on_planes
 from weights_tools.renderers import Renderer
 from weights_tools.scenes import CLOUDCT_10, PEARLS_32_DEG, VOXEL_KM, Scene, SceneGenerator
+from weights_tools.surface import above_surface
 from weights_tools.views import Views
 
 IMAGE_SCALE = 100.0
@@ -251,7 +252,8 @@ class Batches:
         images = self.recipe.sensor.sense(radiance, self.generator, normal=True)
         errors = self._normal(*chosen.shape, 2) * self.recipe.stream.pointing_pixels
         size, corner = self._crop(extinction)
-        scaled = images * self.recipe.scaling.input_scale
+        scaling = self.recipe.scaling
+        scaled = above_surface(images, views, scaling.surface_albedo) * scaling.input_scale
         planes = on_planes(scaled, views, self._heights, (size, size), corner, errors)
         truth = cropped(extinction, size, corner) / self.recipe.scaling.output_scale
         turns = self._uniform(len(index), 3) < 0.5

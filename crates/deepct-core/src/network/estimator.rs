@@ -1,5 +1,6 @@
 //! An estimator: trained weights of either kind, ready for images of any geometry they support.
 
+use super::surface::above_surface;
 use super::unusual::image_statistics;
 use super::{Estimate, GeneralWeights, Network, Training, Unusual, Weights};
 use crate::conv::Settings;
@@ -183,11 +184,16 @@ impl Estimator {
         force: bool,
     ) -> Result<Estimate> {
         let network = self.folded(geometry, inner, force)?;
-        let averaged = match &self.weights {
-            TrainedWeights::Formation(_) => None,
-            TrainedWeights::General(_) => average_fine_pixels(images, geometry, inner.spacing.x),
+        let TrainedWeights::General(weights) = &self.weights else {
+            return network.estimate_on(inner, images, geometry);
         };
-        network.estimate_on(inner, averaged.as_ref().unwrap_or(images), geometry)
+        let averaged = average_fine_pixels(images, geometry, inner.spacing.x);
+        let images = averaged.as_ref().unwrap_or(images);
+        let adjusted = match weights.metadata.surface_albedo {
+            Some(albedo) => above_surface(images, geometry, albedo)?,
+            None => None,
+        };
+        network.estimate_on(inner, adjusted.as_ref().unwrap_or(images), geometry)
     }
 
     /// The grid on which general weights estimate the field of a grid: with its own levels, voxels as

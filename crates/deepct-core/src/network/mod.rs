@@ -14,6 +14,7 @@ mod inference;
 mod layout;
 mod metadata;
 mod resample;
+mod surface;
 mod unusual;
 mod weights;
 

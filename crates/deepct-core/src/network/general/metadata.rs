@@ -42,6 +42,10 @@ pub struct GeneralMetadata {
     pub output_scale: f64,
     /// The geometries for which the network was trained.
     pub ranges: Ranges,
+    /// Albedo of the surface that the network knows. The radiance of another surface is estimated
+    /// from the images and replaced by that of this one. Absent: images are used as they are.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub surface_albedo: Option<f64>,
     /// Pairs of the relative error (epsilon) that the network expects and the one that was found
     /// for such clouds, ascending. The uncertainty of an estimate is multiplied by the ratio of the
     /// two, interpolated linearly. Empty: the uncertainty is used as it is.
@@ -168,6 +172,11 @@ impl GeneralMetadata {
             if !(value.is_finite() && value > 0.0) {
                 return Err(Error::out_of_range(name, value, "positive and finite"));
             }
+        }
+        if let Some(albedo) = self.surface_albedo
+            && !(0.0..=1.0).contains(&albedo)
+        {
+            return Err(Error::out_of_range("surface_albedo", albedo, "from 0 to 1"));
         }
         let known = [NetworkOutput::Extinction, NetworkOutput::Uncertainty];
         if !(self.outputs == known || self.outputs == known[..1]) {
