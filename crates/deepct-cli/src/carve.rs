@@ -50,8 +50,8 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
     write_mask(&args.out, &carved.mask, &provenance)?;
     if !global.quiet {
         let share = carved.mask.count() as f64 / grid.len() as f64;
-        println!("threshold  {:.5} sr-1", carved.threshold);
-        println!("kept       {:.4} of {} voxels", share, grid.len());
+        say!("threshold  {:.5} sr-1", carved.threshold);
+        say!("kept       {:.4} of {} voxels", share, grid.len());
     }
     Ok(Outcome::Success)
 }

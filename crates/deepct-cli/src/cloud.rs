@@ -151,7 +151,7 @@ fn import(args: &ImportArgs, global: &Global) -> Result<Outcome> {
     };
     let (cloud, warnings) = import_cloud(&args.file, &settings)?;
     for warning in warnings {
-        eprintln!("deepct: warning: {warning}");
+        note!("deepct: warning: {warning}");
     }
     let provenance = Provenance {
         title: "Cloud imported from another file".into(),
@@ -180,7 +180,7 @@ fn write_isolated(
         write_cloud(&path, &isolated.cloud, provenance)?;
         if global.verbose > 0 && !global.quiet {
             let [row, col] = isolated.corner;
-            println!(
+            say!(
                 "{}: corner {col},{row}, {} columns, up to {:.0} g/m2",
                 path.display(),
                 isolated.columns,
@@ -189,7 +189,7 @@ fn write_isolated(
         }
     }
     if !global.quiet {
-        println!("{} clouds in {}", clouds.len(), args.out.display());
+        say!("{} clouds in {}", clouds.len(), args.out.display());
     }
     Ok(Outcome::Success)
 }
@@ -208,10 +208,10 @@ fn write(path: &Path, cloud: &Cloud, provenance: &Provenance, global: &Global) -
     }
     let cloudy = optical_depth.iter().filter(|depth| **depth > 0.1).count();
     let [dx, dy, dz] = (1e3 * step).to_array();
-    println!("voxels         {nx} x {ny} x {nz} of {dx:.0} x {dy:.0} x {dz:.0} m");
-    println!("cloud cover    {:.3}", cloudy as f64 / optical_depth.len() as f64);
-    println!("optical depth  at most {:.1}", optical_depth.iter().copied().fold(0.0, f64::max));
-    println!("extinction     at most {:.1} km-1", extinction.iter().copied().fold(0.0, f32::max));
+    say!("voxels         {nx} x {ny} x {nz} of {dx:.0} x {dy:.0} x {dz:.0} m");
+    say!("cloud cover    {:.3}", cloudy as f64 / optical_depth.len() as f64);
+    say!("optical depth  at most {:.1}", optical_depth.iter().copied().fold(0.0, f64::max));
+    say!("extinction     at most {:.1} km-1", extinction.iter().copied().fold(0.0, f32::max));
     Ok(Outcome::Success)
 }
 

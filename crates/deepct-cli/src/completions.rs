@@ -11,6 +11,8 @@ pub(crate) struct Args {
 }
 
 pub(crate) fn run(args: &Args) -> deepct_core::Result<Outcome> {
-    clap_complete::generate(args.shell, &mut Cli::command(), "deepct", &mut std::io::stdout());
+    let mut script = Vec::new();
+    clap_complete::generate(args.shell, &mut Cli::command(), "deepct", &mut script);
+    crate::print::raw(&String::from_utf8_lossy(&script));
     Ok(Outcome::Success)
 }

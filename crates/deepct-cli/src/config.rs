@@ -3,6 +3,7 @@
 
 use crate::defaults;
 use crate::outcome::Outcome;
+use deepct_core::files::read_text;
 use deepct_core::scene::Light;
 use deepct_core::{Error, Result};
 use serde::de::DeserializeOwned;
@@ -35,7 +36,7 @@ pub(crate) struct Settings {
 pub(crate) fn run(args: &Args) -> Result<Outcome> {
     let mut all = defaults::ALL.iter();
     let (_, text) = all.find(|(verb, _)| *verb == args.verb).expect("clap accepts no other verb");
-    print!("{text}");
+    crate::print::raw(&text);
     Ok(Outcome::Success)
 }
 
@@ -102,11 +103,7 @@ impl Settings {
 
 /// Reads the TOML file of settings of a verb.
 pub(crate) fn read_table(path: &Path, verb: &str) -> Result<toml::Table> {
-    let text = std::fs::read_to_string(path).map_err(|problem| {
-        let remedy = format!("name a TOML file; `deepct config {verb}` prints the settings");
-        Error::file(path, "settings", problem.to_string(), remedy)
-    })?;
-    text.parse().map_err(|problem| invalid(path, &problem, verb))
+    read_text(path)?.parse().map_err(|problem| invalid(path, &problem, verb))
 }
 
 /// Whether a top-level key belongs to the scene illumination.

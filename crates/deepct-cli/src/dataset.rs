@@ -72,7 +72,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
             let plan = order.plan(global)?;
             let [train, validation, test] =
                 [Split::Train, Split::Validation, Split::Test].map(|split| plan.count(split));
-            println!("{train} train, {validation} validation and {test} test samples");
+            say!("{train} train, {validation} validation and {test} test samples");
         }
         Action::Generate { order, share } => generate(order, *share, global)?,
         Action::Check { folder } => {
@@ -80,7 +80,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
             let progress = Progress::start(global, "samples", samples);
             let manifest = dataset::check(folder, &|done| progress.advance(done))?;
             drop(progress);
-            println!("{} samples, all consistent with the manifest", manifest.samples.len());
+            say!("{} samples, all consistent with the manifest", manifest.samples.len());
         }
     }
     Ok(Outcome::Success)
@@ -100,12 +100,9 @@ fn generate(order: &Order, share: Option<Share>, global: &Global) -> Result<()> 
     })?;
     drop(progress);
     let Generated { samples, made } = generated;
-    println!(
-        "{samples} samples, {made} of them made now in {:.0} s",
-        start.elapsed().as_secs_f64()
-    );
+    say!("{samples} samples, {made} of them made now in {:.0} s", start.elapsed().as_secs_f64());
     if made > 0 {
-        println!("{:.0} samples per hour", per_hour(made as u64));
+        say!("{:.0} samples per hour", per_hour(made as u64));
     }
     Ok(())
 }

@@ -57,7 +57,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let results = Results { cloud, truth, images, noisy, mask: carved.mask, estimate };
     stages.time("draw", || results.write(args, global.seed))?;
     results.print_scores(&bare)?;
-    println!("files and figures: {}", args.out.display());
+    say!("files and figures: {}", args.out.display());
     Ok(Outcome::Success)
 }
 
@@ -82,7 +82,7 @@ impl Stages {
         let start = Instant::now();
         let result = work()?;
         if !self.quiet {
-            println!("{stage:<8} {:>9.1} ms", 1e3 * start.elapsed().as_secs_f64());
+            say!("{stage:<8} {:>9.1} ms", 1e3 * start.elapsed().as_secs_f64());
         }
         Ok(result)
     }
@@ -118,10 +118,10 @@ impl Results {
     }
 
     fn print_scores(&self, bare: &Volume) -> Result<()> {
-        println!("{:<18} {:>8} {:>8}", "", "epsilon", "delta");
+        say!("{:<18} {:>8} {:>8}", "", "epsilon", "delta");
         for (name, estimate) in [("network", bare), ("network, carved", &self.estimate)] {
             let Scores { relative_error, mass_error, .. } = score(&self.truth, estimate)?;
-            println!("{name:<18} {relative_error:>8.3} {mass_error:>8.3}");
+            say!("{name:<18} {relative_error:>8.3} {mass_error:>8.3}");
         }
         Ok(())
     }

@@ -34,12 +34,12 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let Experiment { outcomes, made, interrupted } = experiment::run(&settings, &args.out, &watch)?;
     drop(watch);
     if interrupted {
-        eprintln!("deepct: stopped early; repeat the command to continue");
+        note!("deepct: stopped early; repeat the command to continue");
         return Ok(Outcome::Interrupted);
     }
     if !global.quiet {
-        println!("{} results, {made} of them made now", outcomes.len());
-        println!("report: {}", args.out.join("report.md").display());
+        say!("{} results, {made} of them made now", outcomes.len());
+        say!("report: {}", args.out.join("report.md").display());
     }
     Ok(Outcome::Success)
 }
@@ -80,7 +80,7 @@ impl experiment::Watch for ExperimentProgress<'_> {
             _ => inversion.iterations,
         };
         if self.global.verbose > 0 {
-            eprintln!("{number} of {total}: {cloud}, {}", method.name());
+            note!("{number} of {total}: {cloud}, {}", method.name());
         }
         let progress = InversionProgress::start(self.global, method.name(), steps, None);
         *self.inversion.borrow_mut() = Some(progress.quiet_without_terminal());
@@ -89,7 +89,7 @@ impl experiment::Watch for ExperimentProgress<'_> {
     fn made(&self, outcome: &experiment::Outcome) {
         *self.inversion.borrow_mut() = None;
         if !self.global.quiet {
-            println!(
+            say!(
                 "{:<24} {:<13} epsilon {:.3}  delta {:>6.3}  {:>8.2} s",
                 outcome.cloud,
                 outcome.method.name(),

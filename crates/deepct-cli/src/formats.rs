@@ -34,6 +34,6 @@ Written
 ";
 
 pub(crate) fn run(_args: &Args) -> deepct_core::Result<Outcome> {
-    print!("{FORMATS}");
+    crate::print::raw(FORMATS);
     Ok(Outcome::Success)
 }

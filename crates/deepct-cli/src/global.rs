@@ -1,6 +1,7 @@
 //! The options that all verbs have in common.
 
-use deepct_core::{Error, Result};
+use deepct_core::io::allow_external_files;
+use deepct_core::{Error, Result, memory};
 
 /// Upper limit of `--threads`, above the thread count of any processor, to catch typing errors.
 const MOST_THREADS: usize = 1024;
@@ -15,6 +16,14 @@ pub(crate) struct Global {
     /// Seed of all random numbers of this run
     #[arg(long, global = true, default_value_t = 1, value_name = "N")]
     pub(crate) seed: u64,
+    /// Upper limit of the memory that the size of a grid, an image or a variable may require, in GB;
+    /// by default three quarters of the memory of the machine
+    #[arg(long, global = true, value_name = "GB")]
+    max_memory: Option<f64>,
+    /// Read HDF5 files that refer to other files: external links, external storage, virtual data
+    /// sets. Only for files that you trust
+    #[arg(long, global = true)]
+    allow_external: bool,
     /// Print errors only
     #[arg(short, long, global = true)]
     pub(crate) quiet: bool,
@@ -24,8 +33,18 @@ pub(crate) struct Global {
 }
 
 impl Global {
-    /// Starts the global thread pool that runs all parallel work.
-    pub(crate) fn start_threads(&self) -> Result<()> {
+    /// Sets the limits of this process, and starts the global thread pool that runs all parallel
+    /// work.
+    pub(crate) fn start(&self) -> Result<()> {
+        if let Some(limit) = self.max_memory {
+            if !(limit.is_finite() && limit > 0.0) {
+                return Err(Error::out_of_range("--max-memory", limit, "positive (GB)"));
+            }
+            memory::set_limit((limit * 1e9) as u64);
+        }
+        if self.allow_external {
+            allow_external_files();
+        }
         if self.threads > MOST_THREADS {
             let range = format!("at most {MOST_THREADS}");
             return Err(Error::out_of_range("--threads", self.threads, range));

@@ -115,16 +115,16 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
         let [levels, rows, cols] = grid.shape;
         let largest = values.iter().copied().fold(0.0, f32::max);
         let (low, high) = (grid.lower().z, grid.upper().z);
-        println!("grid     {levels} levels of {rows} x {cols} columns, {low:.3} to {high:.3} km");
-        println!("largest  {largest:.3} km-1");
+        say!("grid     {levels} levels of {rows} x {cols} columns, {low:.3} to {high:.3} km");
+        say!("largest  {largest:.3} km-1");
         if largest == 0.0 {
-            println!("the estimate is empty: the network found no cloud in this grid");
+            say!("the estimate is empty: the network found no cloud in this grid");
         }
         if let Some(epsilon) = estimate.expected_relative_error() {
-            println!("epsilon  {epsilon:.3} expected");
+            say!("epsilon  {epsilon:.3} expected");
         }
         if let Some(Rounding { largest, root_mean_square }) = rounding {
-            println!(
+            say!(
                 "bfloat16 differs from single precision by at most {:.2} % of the largest value \
                  and by {:.2} % in the root mean square",
                 100.0 * largest,

@@ -6,13 +6,15 @@ use crate::global::Global;
 use crate::light::LightFlags;
 use crate::outcome::Outcome;
 use crate::output::check_output;
-use crate::progress::InversionProgress;
+use crate::progress::{InversionProgress, stop, stopped};
 use deepct_core::carve::{CarveSettings, carve};
 use deepct_core::grid::{Grid, Mask, Volume};
 use deepct_core::inversion::{
     Ending, InversionSettings, OrdinatesModels, Problem, Reconstruction, Start, invert, resume,
 };
-use deepct_core::io::{Provenance, read_checkpoint, read_cloud, read_mask, write_reconstruction};
+use deepct_core::io::{
+    Provenance, inversion_identity, read_checkpoint, read_cloud, read_mask, write_reconstruction,
+};
 use deepct_core::scene::{Light, Observation};
 use deepct_core::transport::OrdinatesSettings;
 use deepct_core::{Error, Result};
@@ -132,7 +134,13 @@ impl Job<'_> {
         let problem =
             Problem { observation: &self.observation, mask: &mask, truth: truth.as_ref() };
         let checkpoint = beside(&flags.out);
-        let identity = self.identity();
+        let identity = inversion_identity(&problem, &self.start, &self.configuration());
+        if checkpoint.exists() && !flags.resume && !global.quiet {
+            note!(
+                "deepct: {} is of an earlier run and will be replaced; --resume would continue it",
+                checkpoint.display()
+            );
+        }
         let reconstruction = self
             .invert(global, &problem, (&checkpoint, &identity))
             .map_err(Error::in_file(self.images))?;
@@ -142,8 +150,8 @@ impl Job<'_> {
             seed: global.seed,
         };
         write_reconstruction(&flags.out, &reconstruction, &mask, &self.observation, &provenance)?;
-        if reconstruction.ending == Ending::Interrupted {
-            eprintln!("deepct: stopped early; repeat the command with --resume to continue");
+        if reconstruction.ending == Ending::Interrupted && stopped() {
+            note!("deepct: stopped early; repeat the command with --resume to continue");
         } else if checkpoint.exists() {
             std::fs::remove_file(&checkpoint).map_err(Error::io(&checkpoint))?;
         }
@@ -187,6 +195,7 @@ impl Job<'_> {
         let views = self.observation.views.clone();
         let mut models = OrdinatesModels::new(scene, views, solver.ordinates());
         models.settings.zenith_angles = solver.step_zenith_angles;
+        models.stop = stop();
         Ok(if self.quick { models.quick() } else { models })
     }
 
@@ -222,9 +231,8 @@ impl Job<'_> {
         toml::to_string(&resolved).expect("plain numbers and text")
     }
 
-    /// Text that identifies the inversion in a checkpoint: all parameters except the stopping
-    /// criteria.
-    fn identity(&self) -> String {
+    /// The parameters that identify the inversion in a checkpoint: all except the stopping criteria.
+    fn configuration(&self) -> String {
         let mut settings = self.settings.clone();
         settings.inversion.iterations = 0;
         settings.inversion.misfit = 0.0;
@@ -243,15 +251,15 @@ fn beside(out: &Path) -> PathBuf {
 fn report(reconstruction: &Reconstruction, mask: &Mask) {
     let Reconstruction { extinction, history, ending } = reconstruction;
     let ending = ending.description();
-    println!("mask     {} of {} voxels", mask.count(), mask.grid.len());
+    say!("mask     {} of {} voxels", mask.count(), mask.grid.len());
     if let Some(last) = history.last() {
         let steps = history.iter().filter(|record| record.iteration > 0).count();
-        println!("steps    {steps} in {:.1} s: {ending}", last.seconds);
-        println!("misfit   {:.3}", last.misfit);
+        say!("steps    {steps} in {:.1} s: {ending}", last.seconds);
+        say!("misfit   {:.3}", last.misfit);
         if let (Some(epsilon), Some(delta)) = (last.relative_error, last.mass_error) {
-            println!("epsilon  {epsilon:.4}");
-            println!("delta    {delta:.4}");
+            say!("epsilon  {epsilon:.4}");
+            say!("delta    {delta:.4}");
         }
     }
-    println!("largest  {:.3} km-1", extinction.values.iter().copied().fold(0.0, f32::max));
+    say!("largest  {:.3} km-1", extinction.values.iter().copied().fold(0.0, f32::max));
 }

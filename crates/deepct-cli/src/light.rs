@@ -96,11 +96,11 @@ pub(crate) fn resolve_light(
     let file = path.display();
     for (key, value) in light.values() {
         match stated.get(&key) {
-            Some(old) if *old != value && !assumed(&key) => eprintln!(
+            Some(old) if *old != value && !assumed(&key) => note!(
                 "deepct: warning: {key} is {old} in {file}, but {value} was given: {value} is used"
             ),
             None if observation.assumed.is_empty() => {
-                eprintln!(
+                note!(
                     "deepct: warning: {key} is not set in {file}, but {value} was given: it is used"
                 );
             }
@@ -123,7 +123,7 @@ pub(crate) fn resolve_light(
         .collect();
     warn_of_waves(&observation.light);
     if !missing.is_empty() && !quiet {
-        eprintln!(
+        note!(
             "deepct: {} does not specify the whole scene illumination; assumed: {} \
              (--light FILE.toml specifies it)",
             path.display(),
@@ -136,7 +136,7 @@ pub(crate) fn resolve_light(
 /// Warns of what the discrete-ordinates solver leaves out.
 pub(crate) fn warn_of_waves(light: &Light) {
     if light.surface.waves.is_some() {
-        eprintln!(
+        note!(
             "deepct: warning: the discrete-ordinates solver neglects the light of the cloud that \
              ocean waves reflect: dark pixels may be up to 40 % too dark, the mean of a view up to \
              18 %; `deepct render --solver monte-carlo` includes it"

@@ -4,6 +4,9 @@
 //! Exit status: 0 on success, 1 if a requested check failed, 2 on an error. An error prints one
 //! message that states the cause and the remedy.
 
+#[macro_use]
+mod print;
+
 mod carve;
 mod cloud;
 mod completions;
@@ -32,9 +35,11 @@ mod validate;
 mod weights;
 
 use clap::{Parser, Subcommand};
+use deepct_core::Error;
 use global::Global;
 use outcome::Outcome;
 use std::process::ExitCode;
+use std::time::Duration;
 
 /// 3D cloud tomography: simulate satellite images of clouds and reconstruct clouds from them.
 #[derive(Debug, Parser)]
@@ -69,7 +74,7 @@ enum Verb {
 }
 
 fn run(cli: Cli) -> deepct_core::Result<Outcome> {
-    cli.global.start_threads()?;
+    cli.global.start()?;
     match cli.verb {
         Verb::Cloud(args) => cloud::run(&args, &cli.global),
         Verb::Render(args) => render::run(&args, &cli.global),
@@ -92,15 +97,32 @@ fn run(cli: Cli) -> deepct_core::Result<Outcome> {
     }
 }
 
+/// Ends the program if reading a damaged file does not end.
+fn end_endless_reading() {
+    loop {
+        std::thread::sleep(Duration::from_secs(1));
+        if let Some(error) = deepct_core::io::endless_reading() {
+            note!("deepct: {error}");
+            std::process::exit(2);
+        }
+    }
+}
+
 fn main() -> ExitCode {
-    match run(Cli::parse()) {
+    std::thread::spawn(end_endless_reading);
+    let code = match run(Cli::parse()) {
         Ok(Outcome::Success) => ExitCode::SUCCESS,
         Ok(Outcome::CheckFailed) => ExitCode::from(1),
         // As of a program that is ended by SIGINT, so that `&&` and scripts do not go on.
         Ok(Outcome::Interrupted) => ExitCode::from(130),
+        Err(Error::Interrupted) => {
+            note!("deepct: interrupted before there was a result");
+            ExitCode::from(130)
+        }
         Err(error) => {
-            eprintln!("deepct: {error}");
+            note!("deepct: {error}");
             ExitCode::from(2)
         }
-    }
+    };
+    if code == ExitCode::SUCCESS && !print::succeeded() { ExitCode::from(2) } else { code }
 }

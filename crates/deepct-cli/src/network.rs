@@ -44,7 +44,7 @@ impl NetworkFlags {
     ) -> Result<()> {
         let geometry = observation.imaging_geometry()?;
         for unusual in estimator.unusual(&observation.images, &geometry, estimate)? {
-            eprintln!(
+            note!(
                 "deepct: warning: the network was not trained on such images: {unusual}; the \
                  estimate may be wrong"
             );
@@ -59,7 +59,7 @@ impl NetworkFlags {
         let ends = [("bottom", altitudes[0]), ("top", altitudes[1])];
         for ((end, altitude), share) in ends.into_iter().zip(estimate.shares_at_ends()) {
             if grid.shape[0] > 2 && share > SHARE_AT_END {
-                eprintln!(
+                note!(
                     "deepct: warning: {:.0} % of the estimated extinction is in the level at the \
                      {end} of the grid ({altitude:.3} km): the cloud may extend beyond it; give a \
                      higher grid with --grid",

@@ -4,12 +4,13 @@ use crate::global::Global;
 use deepct_core::Result;
 use deepct_core::inversion::{self, Checkpoint, Record};
 use deepct_core::io::write_checkpoint;
+use deepct_core::stop::Stop;
 use deepct_core::transport::{self, Watch};
 use indicatif::{HumanDuration, ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::io::IsTerminal;
 use std::path::Path;
-use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{LazyLock, Mutex};
 use std::time::{Duration, Instant};
 
 /// Counts the finished units of a long computation and shows the progress.
@@ -61,7 +62,7 @@ impl Progress {
         if self.lines && self.is_due(before, before + units) {
             let done = before + units;
             let text = text.map_or_else(|| format!("{done} of {}", self.total), str::to_owned);
-            eprintln!("{}: {text}{}", self.what, self.left(done));
+            note!("{}: {text}{}", self.what, self.left(done));
         }
     }
 
@@ -97,23 +98,46 @@ impl Drop for Progress {
 /// Number of steps of the progress bar of a rendering.
 const STEPS: u64 = 1000;
 
-/// Set when the user presses Ctrl-C.
-static STOPPED: AtomicBool = AtomicBool::new(false);
+/// Requested when the user presses Ctrl-C.
+static STOP: LazyLock<Stop> = LazyLock::new(Stop::default);
+
+/// Whether a computation has noticed it, and will soon end with the results so far.
+static NOTICED: AtomicBool = AtomicBool::new(false);
+
+/// Time in which a computation has to notice Ctrl-C.
+const PATIENCE: Duration = Duration::from_millis(800);
 
 /// Installs a Ctrl-C handler: the first Ctrl-C stops the computation and keeps the results so far,
-/// a second one ends the program.
+/// a second one ends the program, as does the first one where the computation does not notice it.
 fn stop_when_asked() {
     // If no handler can be installed, Ctrl-C ends the program.
     let _ = ctrlc::set_handler(|| {
-        if STOPPED.swap(true, Ordering::Relaxed) {
+        if STOP.is_requested() {
             std::process::exit(130);
         }
+        STOP.request();
+        std::thread::spawn(|| {
+            std::thread::sleep(PATIENCE);
+            if !NOTICED.load(Ordering::Relaxed) {
+                note!("deepct: interrupted");
+                std::process::exit(130);
+            }
+        });
     });
 }
 
-/// Whether the user has pressed Ctrl-C.
+/// Whether the user has pressed Ctrl-C. The caller then ends with the results so far.
 pub(crate) fn stopped() -> bool {
-    STOPPED.load(Ordering::Relaxed)
+    let stopped = STOP.is_requested();
+    if stopped {
+        NOTICED.store(true, Ordering::Relaxed);
+    }
+    stopped
+}
+
+/// The request that Ctrl-C makes, for a computation that polls it.
+pub(crate) fn stop() -> Stop {
+    STOP.clone()
 }
 
 /// Reports the progress of a rendering, with the noise reached so far. The first Ctrl-C stops the
@@ -188,7 +212,7 @@ impl inversion::Watch for InversionProgress<'_> {
             text += &format!(", epsilon {epsilon:.3}, delta {delta:.3}");
         }
         if self.every_step {
-            eprintln!("{}: {text}, {:.1} s", self.progress.what, record.seconds);
+            note!("{}: {text}, {:.1} s", self.progress.what, record.seconds);
         }
         self.progress.advance_with(u64::from(record.iteration > 0), Some(&text));
     }

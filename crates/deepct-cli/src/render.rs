@@ -117,7 +117,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
         false => (read_cloud(&args.cloud)?, Vec::new()),
     };
     for warning in warnings {
-        eprintln!("deepct: warning: {warning}");
+        note!("deepct: warning: {warning}");
     }
     let (center, [_, rows, cols]) = (cloud.grid.center(), cloud.grid.shape);
     let views = list.views(center, [rows, cols])?;
@@ -213,23 +213,13 @@ impl Args {
             contact_sheet(name(path), &observation.images, &labels, &title)?;
         }
         if !rendering.converged && !rendering.interrupted {
-            eprintln!(
+            note!(
                 "deepct: warning: the deterministic solver has not converged to its tolerance; the \
                  cloud is very thick, or the domain is small and periodic: use --solver monte-carlo"
             );
         }
         if rendering.interrupted {
-            match self.solver {
-                Method::MonteCarlo => {
-                    eprintln!(
-                        "deepct: stopped early: the images have {samples} photon paths per pixel"
-                    );
-                }
-                Method::Ordinates => eprintln!(
-                    "deepct: stopped early: the images are those of a solution that has not \
-                     converged to its tolerance"
-                ),
-            }
+            note!("deepct: stopped early: the images have {samples} photon paths per pixel");
         }
         if !global.quiet {
             let [views, rows, cols] = observation.images.shape();
@@ -237,13 +227,13 @@ impl Args {
                 Method::MonteCarlo => format!("{samples} photon paths per pixel"),
                 Method::Ordinates => "by discrete ordinates".to_owned(),
             };
-            println!("{views} views of {rows} x {cols} pixels, {by}");
-            println!("brightest  {:.5} sr-1", observation.images.brightest());
+            say!("{views} views of {rows} x {cols} pixels, {by}");
+            say!("brightest  {:.5} sr-1", observation.images.brightest());
             if let Some(error) = estimated_error {
-                println!("error      {:.1} % of bright pixels, estimated", 100.0 * error);
+                say!("error      {:.1} % of bright pixels, estimated", 100.0 * error);
             }
             if let Some(noise) = noise {
-                println!("noise      {:.2} % of bright pixels", 100.0 * noise);
+                say!("noise      {:.2} % of bright pixels", 100.0 * noise);
             }
         }
         if let Some(photons) = self.fluxes.filter(|_| !rendering.interrupted) {
@@ -269,7 +259,7 @@ impl Args {
 
 /// Prints one row per fraction of the incident light, with its standard error.
 fn print_fluxes(fluxes: &Fluxes) {
-    println!("light on top of the grid     fraction    error");
+    say!("light on top of the grid     fraction    error");
     for (what, share) in [
         ("leaves through the top", fluxes.reflected),
         ("leaves through the bottom", fluxes.transmitted),
@@ -279,7 +269,7 @@ fn print_fluxes(fluxes: &Fluxes) {
         ("finally in the surface", fluxes.downward),
         ("unscattered at the surface", fluxes.unscattered),
     ] {
-        println!("{what:<26}  {:9.6}  {:.6}", share.mean, share.standard_error);
+        say!("{what:<26}  {:9.6}  {:.6}", share.mean, share.standard_error);
     }
 }
 

@@ -66,7 +66,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
         .map(|file| score_file(&truth, file, &light))
         .collect::<Result<Vec<_>>>()?;
     if args.json {
-        println!("{}", serde_json::to_string_pretty(&rows).expect("scores are plain numbers"));
+        say!("{}", serde_json::to_string_pretty(&rows).expect("scores are plain numbers"));
         return Ok(Outcome::Success);
     }
     print_table(&rows);
@@ -112,13 +112,13 @@ fn print_table(rows: &[Row<'_>]) {
     let width =
         rows.iter().map(|row| row.file.display().to_string().len()).max().unwrap_or(0).max(4);
     if rows.iter().any(|row| matches!(row.scores, Kind::Volume(_))) {
-        println!("{:width$}  epsilon    delta  rmse (km-1)  correlation", "file");
+        say!("{:width$}  epsilon    delta  rmse (km-1)  correlation", "file");
     }
     for Row { file, scores } in rows {
         let Kind::Volume(scores) = scores else { continue };
         let correlation =
             scores.correlation.map_or("-".into(), |correlation| format!("{correlation:.4}"));
-        println!(
+        say!(
             "{:width$}  {:7.4}  {:7.4}  {:11.4}  {correlation:>11}",
             file.display(),
             scores.relative_error,
@@ -127,11 +127,11 @@ fn print_table(rows: &[Row<'_>]) {
         );
     }
     if rows.iter().any(|row| matches!(row.scores, Kind::Mask(_))) {
-        println!("{:width$}     kept  extinction missed  false positive  false negative", "file");
+        say!("{:width$}     kept  extinction missed  false positive  false negative", "file");
     }
     for Row { file, scores } in rows {
         let Kind::Mask(scores) = scores else { continue };
-        println!(
+        say!(
             "{:width$}  {:7.4}  {:17.5}  {:14.4}  {:14.4}",
             file.display(),
             scores.kept,
@@ -144,11 +144,11 @@ fn print_table(rows: &[Row<'_>]) {
 
 fn print_profile(row: &Row<'_>) {
     let Kind::Volume(scores) = &row.scores else { return };
-    println!("\n{}: mean extinction (km-1) by altitude (km)", row.file.display());
-    println!("altitude    truth  estimate  epsilon");
+    say!("\n{}: mean extinction (km-1) by altitude (km)", row.file.display());
+    say!("altitude    truth  estimate  epsilon");
     for level in scores.profile.iter().rev() {
         let error = level.relative_error.map_or("-".into(), |error| format!("{error:.4}"));
         let (altitude, truth, estimate) = (level.altitude, level.truth, level.estimate);
-        println!("{altitude:8.3}  {truth:7.3}  {estimate:8.3}  {error:>7}");
+        say!("{altitude:8.3}  {truth:7.3}  {estimate:8.3}  {error:>7}");
     }
 }

@@ -45,7 +45,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
     };
     write_observation(&args.out, &observation, &provenance)?;
     if !global.quiet {
-        println!("{electrons_per_radiance:.6e} electrons for a radiance of 1/sr");
+        say!("{electrons_per_radiance:.6e} electrons for a radiance of 1/sr");
     }
     Ok(Outcome::Success)
 }

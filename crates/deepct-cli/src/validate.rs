@@ -85,23 +85,23 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let effort = Effort { seed: global.seed, ..effort };
     let mut rows = Vec::new();
     if !args.json {
-        println!("{HEADER}");
+        say!("{HEADER}");
     }
     for suite in args.suite.suites(args.reference.is_some()) {
         validate(suite, effort, args.reference.as_deref(), args.cache.as_deref(), &mut |row| {
             if !args.json {
-                println!("{}", line(&row));
+                say!("{}", line(&row));
             }
             rows.push(row);
         })?;
     }
     let failed = rows.iter().filter(|row| !row.passed).count();
     if args.json {
-        println!("{}", serde_json::to_string_pretty(&rows).expect("plain numbers and text"));
+        say!("{}", serde_json::to_string_pretty(&rows).expect("plain numbers and text"));
     } else {
         let skipped = args.suite == Choice::All && args.reference.is_none();
         let note = if skipped { "; suite rico skipped, as it requires --reference" } else { "" };
-        println!("{} of {} rows passed{note}", rows.len() - failed, rows.len());
+        say!("{} of {} rows passed{note}", rows.len() - failed, rows.len());
     }
     Ok(if failed == 0 { Outcome::Success } else { Outcome::CheckFailed })
 }

@@ -69,7 +69,7 @@ pub(crate) fn run(args: &Args) -> Result<Outcome> {
 
 fn print<M: serde::Serialize>(report: &Report<M>, json: bool, as_text: fn(&Report<M>)) {
     if json {
-        println!("{}", serde_json::to_string_pretty(report).expect("plain numbers and text"));
+        say!("{}", serde_json::to_string_pretty(report).expect("plain numbers and text"));
     } else {
         as_text(report);
     }
@@ -90,27 +90,28 @@ fn print_report(report: &Report<&WeightsMetadata>) {
     let (zenith, azimuth) = (view_geometry.sun_zenith_deg, view_geometry.sun_azimuth_deg);
     let [dx, dy] = metadata.horizontal_spacing_km;
     let top = levels.bottom_km + levels.count as f64 * levels.spacing_km;
-    println!("formation        {formation}, {} views", view_geometry.view_zenith_deg.len());
-    println!("view zenith      {} degrees", degrees(&view_geometry.view_zenith_deg));
-    println!("view azimuth     {} degrees", degrees(&view_geometry.view_azimuth_deg));
-    println!("Sun              zenith {zenith:.1} degrees, azimuth {azimuth:.1} degrees");
-    println!(
+    say!("formation        {formation}, {} views", view_geometry.view_zenith_deg.len());
+    say!("view zenith      {} degrees", degrees(&view_geometry.view_zenith_deg));
+    say!("view azimuth     {} degrees", degrees(&view_geometry.view_azimuth_deg));
+    say!("Sun              zenith {zenith:.1} degrees, azimuth {azimuth:.1} degrees");
+    say!(
         "target           {} km high, at {} um",
-        metadata.target_altitude_km, metadata.wavelength_um
+        metadata.target_altitude_km,
+        metadata.wavelength_um
     );
-    println!("voxels           {dx} x {dy} x {} km", levels.spacing_km);
-    println!("levels           {} from {} to {top} km", levels.count, levels.bottom_km);
-    println!("images           {}", layout(&metadata.image_layout));
-    println!("layers           {}, {} parameters", report.layers, report.parameters);
-    println!("channels         {}", runs(&metadata.architecture.channels));
-    println!("receptive field  {0} x {0} pixels", report.receptive_field);
-    println!("input            radiance (sr-1) x {}", metadata.input_scale);
-    println!("output           {} (km-1) / {}", outputs(&metadata.outputs), metadata.output_scale);
-    println!("trained on       {}, {} samples", training.data, training.samples);
-    println!("data identity    {}", training.identity);
-    println!("written by       {}", metadata.program);
+    say!("voxels           {dx} x {dy} x {} km", levels.spacing_km);
+    say!("levels           {} from {} to {top} km", levels.count, levels.bottom_km);
+    say!("images           {}", layout(&metadata.image_layout));
+    say!("layers           {}, {} parameters", report.layers, report.parameters);
+    say!("channels         {}", runs(&metadata.architecture.channels));
+    say!("receptive field  {0} x {0} pixels", report.receptive_field);
+    say!("input            radiance (sr-1) x {}", metadata.input_scale);
+    say!("output           {} (km-1) / {}", outputs(&metadata.outputs), metadata.output_scale);
+    say!("trained on       {}, {} samples", training.data, training.samples);
+    say!("data identity    {}", training.identity);
+    say!("written by       {}", metadata.program);
     for (name, score) in &metadata.scores {
-        println!("{name:15}  {score:.4}");
+        say!("{name:15}  {score:.4}");
     }
 }
 
@@ -118,34 +119,34 @@ fn print_general_report(report: &Report<&GeneralMetadata>) {
     let GeneralMetadata { architecture, levels, ranges, training, .. } = report.metadata;
     let metadata = report.metadata;
     let range = |[low, high]: [f64; 2]| format!("{low} to {high}");
-    println!("formation        any, {} views", range(ranges.views));
-    println!("view zenith      {} degrees", range(ranges.view_zenith_deg));
-    println!("Sun              zenith {} degrees", range(ranges.sun_zenith_deg));
-    println!("pixels           {} voxels wide", range(ranges.pixel_per_voxel));
-    println!("wavelength       {} um", range(ranges.wavelength_um));
-    println!("voxels           {} km wide, {} as high", range(ranges.voxel_km), levels.height);
-    println!("levels           {}", levels.count);
-    println!(
+    say!("formation        any, {} views", range(ranges.views));
+    say!("view zenith      {} degrees", range(ranges.view_zenith_deg));
+    say!("Sun              zenith {} degrees", range(ranges.sun_zenith_deg));
+    say!("pixels           {} voxels wide", range(ranges.pixel_per_voxel));
+    say!("wavelength       {} um", range(ranges.wavelength_um));
+    say!("voxels           {} km wide, {} as high", range(ranges.voxel_km), levels.height);
+    say!("levels           {}", levels.count);
+    say!(
         "images           resampled onto {} planes{}",
         architecture.planes,
         if architecture.extremes { ", with the minimum and maximum over the views" } else { "" }
     );
-    println!("virtual views    {}", architecture.virtual_views);
-    println!("layers           {}, {} parameters", report.layers, report.parameters);
-    println!("channels         {} between the layers", architecture.width);
-    println!("receptive field  {0} x {0} pixels", report.receptive_field);
-    println!("input            radiance (sr-1) x {}", metadata.input_scale);
-    println!(
+    say!("virtual views    {}", architecture.virtual_views);
+    say!("layers           {}, {} parameters", report.layers, report.parameters);
+    say!("channels         {} between the layers", architecture.width);
+    say!("receptive field  {0} x {0} pixels", report.receptive_field);
+    say!("input            radiance (sr-1) x {}", metadata.input_scale);
+    say!(
         "output           {} (km-1) / {} for voxels of {} km",
         outputs(&metadata.outputs),
         metadata.output_scale,
         metadata.voxel_km
     );
-    println!("trained on       {}, {} samples", training.data, training.samples);
-    println!("data identity    {}", training.identity);
-    println!("written by       {}", metadata.program);
+    say!("trained on       {}, {} samples", training.data, training.samples);
+    say!("data identity    {}", training.identity);
+    say!("written by       {}", metadata.program);
     for (name, score) in &metadata.scores {
-        println!("{name:15}  {score:.4}");
+        say!("{name:15}  {score:.4}");
     }
 }
 

@@ -39,6 +39,9 @@ pub enum Error {
         /// A description of the accepted values, with the unit.
         range: String,
     },
+    /// The computation was stopped by a [`Stop`](crate::stop::Stop) before it had a result.
+    #[error("interrupted")]
+    Interrupted,
     /// Two inputs are inconsistent: a shape, a grid or a geometry differs.
     #[error("{what}: expected {expected}, found {found}; {remedy}")]
     Mismatch {

@@ -4,6 +4,7 @@ pub mod resample;
 
 use crate::error::{Error, Result};
 use crate::math::DVec3;
+use crate::memory;
 use ndarray::Array3;
 
 /// The largest number of voxels of a grid: it protects against files whose header declares more
@@ -43,6 +44,8 @@ impl Grid {
                 format!("at least 1 along every axis and at most {MAX_VOXELS} voxels in all"),
             ));
         }
+        // A volume of the extinction and some more of the same size.
+        memory::check("memory for the grid", voxels.unwrap_or(0) as f64, 16.0)?;
         Ok(Self { origin, spacing, shape })
     }
 

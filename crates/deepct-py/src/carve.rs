@@ -1,7 +1,7 @@
 //! `carve`: the voxels that may contain cloud, given the images.
 
 use crate::array::{Floats, IMAGES, give};
-use crate::error::raise;
+use crate::compute::quickly;
 use crate::grid::Grid;
 use crate::view::ViewSequence;
 use deepct_core::carve::CarveSettings;
@@ -66,13 +66,11 @@ pub(crate) fn carve(
     let defaults = CarveSettings::default();
     let settings = CarveSettings { threshold, agreement: agreement.unwrap_or(defaults.agreement) };
     let radiance = Floats::new(radiance, "radiance", IMAGES)?.to_owned();
-    let carved = py
-        .detach(|| {
-            // Carving does not depend on the scene illumination.
-            let images = ViewStack::new(radiance)?;
-            let observation = Observation::new(Light::default(), views.0, images)?;
-            deepct_core::carve::carve(&observation, &grid.0, &settings)
-        })
-        .map_err(raise)?;
+    let carved = quickly(py, || {
+        // Carving does not depend on the scene illumination.
+        let images = ViewStack::new(radiance)?;
+        let observation = Observation::new(Light::default(), views.0, images)?;
+        deepct_core::carve::carve(&observation, &grid.0, &settings)
+    })?;
     Ok(Carved { mask: give(py, carved.mask.values), threshold: carved.threshold })
 }

@@ -1,6 +1,7 @@
 //! `generate_cloud`: a synthetic cloud from a seed.
 
 use crate::array::give;
+use crate::compute::quickly;
 use crate::error::raise;
 use crate::grid::Grid;
 use deepct_core::Error;
@@ -78,15 +79,21 @@ pub(crate) fn generate_cloud(
     let cloud = match kind {
         "cumulus" => {
             let settings: CumulusSettings = read(&settings)?;
-            py.detach(|| cumulus(&settings, seed))
+            quickly(py, || cumulus(&settings, seed))?
         }
         "field" => {
             let settings: FieldSettings = read(&settings)?;
-            py.detach(|| field(&settings, seed))
+            quickly(py, || field(&settings, seed))?
         }
-        _ => Err(Error::out_of_range("kind", format!("\"{kind}\""), "cumulus or field")),
+        _ => {
+            return Err(raise(Error::out_of_range(
+                "kind",
+                format!("\"{kind}\""),
+                "cumulus or field",
+            )));
+        }
     };
-    give_cloud(py, cloud.map_err(raise)?)
+    give_cloud(py, cloud)
 }
 
 /// Settings from keyword arguments; settings that are not given have their defaults.

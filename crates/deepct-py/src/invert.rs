@@ -2,6 +2,7 @@
 
 use crate::array::{Floats, IMAGES, VOLUME, booleans, give};
 use crate::cloud::read;
+use crate::compute::{Stopped, at_length};
 use crate::error::raise;
 use crate::grid::Grid;
 use crate::light::{Light, or_default, warn_of_waves};
@@ -16,6 +17,7 @@ use deepct_core::inversion::{
 };
 use deepct_core::network::Estimate;
 use deepct_core::scene::Observation;
+use deepct_core::stop::Stop;
 use deepct_core::transport::OrdinatesSettings;
 use numpy::PyArray3;
 use numpy::ndarray::Array3;
@@ -71,11 +73,13 @@ impl Request {
     fn solve(
         mut self,
         grid: deepct_core::grid::Grid,
+        stop: &Stop,
         way: impl FnOnce(&Problem, &mut OrdinatesModels, &InversionSettings) -> Result<Answer>,
     ) -> Result<(Answer, Mask)> {
         let truth = self.truth.take().map(|values| Volume::new(grid, values)).transpose()?;
         let mask = self.mask(grid)?;
         let mut models = self.models(grid)?;
+        models.stop = stop.clone();
         let problem =
             Problem { observation: &self.observation, mask: &mask, truth: truth.as_ref() };
         Ok((way(&problem, &mut models, &self.settings)?, mask))
@@ -161,11 +165,11 @@ pub(crate) fn invert(
         },
     };
     warn_of_waves(py, &request.observation.light)?;
-    let solved = py.detach(|| {
-        request.solve(grid.0, |problem, models, settings| {
-            inversion::invert(problem, models, &start, settings, &())
+    let solved = at_length(py, |stop| {
+        request.solve(grid.0, stop, |problem, models, settings| {
+            inversion::invert(problem, models, &start, settings, &Stopped(stop))
         })
-    });
+    })?;
     give_reconstruction(py, solved)
 }
 
@@ -238,18 +242,18 @@ pub(crate) fn hybrid(
     }
     warn_of_waves(py, &request.observation.light)?;
     let network = network.inner();
-    let solved = py.detach(|| {
+    let solved = at_length(py, |stop| {
         let grid = match grid {
             Some(grid) => grid.0,
             None => network_grid(network, &request.observation)?,
         };
-        request.solve(grid, |problem, models, settings| {
+        request.solve(grid, stop, |problem, models, settings| {
             if quick {
                 *models = models.clone().quick();
             }
-            inversion::hybrid(problem, network, models, settings, &())
+            inversion::hybrid(problem, network, models, settings, &Stopped(stop))
         })
-    });
+    })?;
     give_reconstruction(py, solved)
 }
 
@@ -279,8 +283,7 @@ fn keywords(py: Python<'_>, settings: Option<&Bound<'_, PyDict>>) -> PyResult<In
     read(settings.unwrap_or(&nothing))
 }
 
-fn give_reconstruction(py: Python<'_>, solved: Result<(Answer, Mask)>) -> PyResult<Reconstruction> {
-    let (answer, mask) = solved.map_err(raise)?;
+fn give_reconstruction(py: Python<'_>, (answer, mask): (Answer, Mask)) -> PyResult<Reconstruction> {
     let text = |value: serde_json::Result<String>| value.expect("plain numbers and text");
     let history = text(serde_json::to_string(&answer.history));
     let ending = text(serde_json::to_string(&answer.ending)).trim_matches('"').to_owned();

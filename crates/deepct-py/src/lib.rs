@@ -8,6 +8,7 @@
 mod array;
 mod carve;
 mod cloud;
+mod compute;
 mod error;
 mod grid;
 mod invert;

@@ -1,6 +1,7 @@
 //! `Network`: estimation of the extinction by the neural network.
 
 use crate::array::{Floats, IMAGES, VOLUME, booleans, give};
+use crate::compute::quickly;
 use crate::error::raise;
 use crate::grid::Grid;
 use crate::light::{Light, or_default};
@@ -47,7 +48,7 @@ impl Network {
     #[staticmethod]
     #[pyo3(signature = (name_or_path = PathBuf::from(io::GENERAL_WEIGHTS), *, force = false))]
     fn load(py: Python<'_>, name_or_path: PathBuf, force: bool) -> PyResult<Self> {
-        let weights = py.detach(|| io::load_trained_weights(&name_or_path)).map_err(raise)?;
+        let weights = quickly(py, || io::load_trained_weights(&name_or_path))?;
         let estimator = Estimator::new(weights);
         Ok(Self(if force { estimator.outside_training() } else { estimator }))
     }
@@ -140,14 +141,13 @@ impl Network {
     ) -> PyResult<BTreeMap<String, f64>> {
         let radiance = Floats::new(radiance, "radiance", IMAGES)?.to_owned();
         let light = self.light(light)?;
-        let statistics = py.detach(|| {
+        quickly(py, || {
             let observation = Observation::new(light, views.0, ViewStack::new(radiance)?)?;
             let geometry = observation.imaging_geometry()?;
             let grid = grid.as_ref().map(|grid| &grid.0);
             let estimate = self.0.estimate(&observation.images, &geometry, grid)?;
             self.0.image_statistics(&observation.images, &geometry, &estimate)
-        });
-        statistics.map_err(raise)
+        })
     }
 
     /// Estimate the extinction and its uncertainty. The parameters are those of `infer`.
@@ -172,21 +172,19 @@ impl Network {
         let radiance = Floats::new(radiance, "radiance", IMAGES)?.to_owned();
         let mask = mask.map(|mask| booleans(mask, "mask", VOLUME)).transpose()?;
         let light = self.light(light)?;
-        let (estimate, unusual) = py
-            .detach(|| {
-                let observation = Observation::new(light, views.0, ViewStack::new(radiance)?)?;
-                let geometry = observation.imaging_geometry()?;
-                let grid = grid.as_ref().map(|grid| &grid.0);
-                let mut estimate = self.0.estimate(&observation.images, &geometry, grid)?;
-                let unusual = self.0.unusual(&observation.images, &geometry, &estimate)?;
-                if let Some(mask) = mask {
-                    let mask = Mask::new(estimate.extinction.grid, mask)?;
-                    mask.apply(&mut estimate.extinction)?;
-                    estimate.uncertainty.as_mut().map_or(Ok(()), |values| mask.apply(values))?;
-                }
-                Ok((estimate, unusual))
-            })
-            .map_err(raise)?;
+        let (estimate, unusual) = quickly(py, || {
+            let observation = Observation::new(light, views.0, ViewStack::new(radiance)?)?;
+            let geometry = observation.imaging_geometry()?;
+            let grid = grid.as_ref().map(|grid| &grid.0);
+            let mut estimate = self.0.estimate(&observation.images, &geometry, grid)?;
+            let unusual = self.0.unusual(&observation.images, &geometry, &estimate)?;
+            if let Some(mask) = mask {
+                let mask = Mask::new(estimate.extinction.grid, mask)?;
+                mask.apply(&mut estimate.extinction)?;
+                estimate.uncertainty.as_mut().map_or(Ok(()), |values| mask.apply(values))?;
+            }
+            Ok((estimate, unusual))
+        })?;
         for unusual in unusual {
             let text = format!("the network was not trained on such images: {unusual}");
             let text = CString::new(text).expect("no zero byte");

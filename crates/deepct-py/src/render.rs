@@ -1,6 +1,7 @@
 //! `render`: simulation of the images of an extinction field.
 
 use crate::array::{Floats, VOLUME, give};
+use crate::compute::{Stopped, at_length};
 use crate::error::raise;
 use crate::grid::Grid;
 use crate::light::{Light, or_default, warn_of_waves};
@@ -163,18 +164,16 @@ pub(crate) fn render(
         warn_of_waves(py, &light)?;
     }
     let interpolation = if trilinear { Interpolation::Trilinear } else { Interpolation::Constant };
-    let (rendering, light) = py
-        .detach(|| {
-            let extinction = Volume::new(grid.0, extinction)?;
-            let cloud = match radii {
-                Some(radii) => Cloud::from_extinction_and_radii(extinction, radii)?,
-                None => Cloud::from_extinction(extinction)?,
-            };
-            let mut scene = light.scene(&cloud)?;
-            scene.medium.interpolation = interpolation;
-            Ok((transport::render(&scene, &views.0, &solver, &())?, light.recorded(&cloud)))
-        })
-        .map_err(raise)?;
+    let (rendering, light) = at_length(py, |stop| {
+        let extinction = Volume::new(grid.0, extinction)?;
+        let cloud = match radii {
+            Some(radii) => Cloud::from_extinction_and_radii(extinction, radii)?,
+            None => Cloud::from_extinction(extinction)?,
+        };
+        let mut scene = light.scene(&cloud)?;
+        scene.medium.interpolation = interpolation;
+        Ok((transport::render(&scene, &views.0, &solver, &Stopped(stop))?, light.recorded(&cloud)))
+    })?;
     Ok(Rendering {
         radiance: give(py, rendering.images.values),
         standard_error: rendering.standard_error.map(|stack| give(py, stack.values)),

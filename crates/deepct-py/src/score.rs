@@ -1,7 +1,7 @@
 //! `score`: errors of an estimate of the extinction.
 
 use crate::array::{Floats, VOLUME};
-use crate::error::raise;
+use crate::compute::quickly;
 use deepct_core::grid::{Grid, Volume};
 use deepct_core::math::DVec3;
 use deepct_core::metrics;
@@ -100,12 +100,11 @@ pub(crate) fn score(
 ) -> PyResult<Scores> {
     let truth = Floats::new(truth, "truth", VOLUME)?.to_owned();
     let estimate = Floats::new(estimate, "estimate", VOLUME)?.to_owned();
-    py.detach(|| {
+    quickly(py, || {
         // The scores do not depend on the position and size of the voxels.
         let (nz, ny, nx) = truth.dim();
         let grid = Grid::new(DVec3::ZERO, DVec3::ONE, [nz, ny, nx])?;
         metrics::score(&Volume::new(grid, truth)?, &Volume::new(grid, estimate)?)
     })
     .map(Scores)
-    .map_err(raise)
 }

@@ -1,6 +1,7 @@
 //! `sense`: simulation of the sensor.
 
 use crate::array::{Floats, IMAGES, give};
+use crate::compute::quickly;
 use crate::error::raise;
 use deepct_core::Error;
 use deepct_core::image::ViewStack;
@@ -164,9 +165,7 @@ pub(crate) fn sense(
     let scale =
         electrons_per_radiance.map_or(Scale::BrightestAtFullWell, Scale::ElectronsPerRadiance);
     let radiance = Floats::new(radiance, "radiance", IMAGES)?.to_owned();
-    let sensed = py
-        .detach(|| sensor::sense(&ViewStack::new(radiance)?, &sensor, scale, seed))
-        .map_err(raise)?;
+    let sensed = quickly(py, || sensor::sense(&ViewStack::new(radiance)?, &sensor, scale, seed))?;
     Ok(Sensed {
         radiance: give(py, sensed.images.values),
         noise: give(py, sensed.noise.values),

@@ -61,7 +61,7 @@ impl Manifest {
     /// Returns an error if the manifest is missing, unreadable or in another format.
     pub fn read(folder: &Path) -> Result<Self> {
         let path = Self::path(folder);
-        let text = std::fs::read_to_string(&path).map_err(Error::io(&path))?;
+        let text = crate::files::read_text(&path)?;
         let remedy = "make the data set again with `deepct dataset generate`";
         let manifest: Self = serde_json::from_str(&text)
             .map_err(|problem| Error::file(&path, "manifest", problem.to_string(), remedy))?;

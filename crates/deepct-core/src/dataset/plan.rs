@@ -8,7 +8,6 @@ use crate::io::import::{ImportSettings, import_cloud};
 use crate::math::DVec3;
 use crate::rng::{Purpose, Rng, RngExt, stream};
 use serde::{Deserialize, Serialize};
-use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
@@ -210,7 +209,7 @@ impl Plan {
     }
 
     fn read(path: &Path) -> Result<Self> {
-        let text = std::fs::read_to_string(path).map_err(Error::io(path))?;
+        let text = files::read_text(path)?;
         let damaged = |problem: String| {
             Error::file(path, "plan", problem, "delete it: the same plan is then created again")
         };
@@ -231,14 +230,9 @@ impl Plan {
         let text = serde_json::to_string(self).map_err(|problem| {
             Error::file(path, "plan", problem.to_string(), "report this as a bug")
         })?;
-        let temporary = files::temporary_beside(path)?;
-        std::fs::write(&temporary, text).map_err(Error::io(path))?;
-        match temporary.persist_noclobber(path) {
-            Err(problem) if problem.error.kind() != ErrorKind::AlreadyExists => {
-                Err(Error::io(path)(problem.error))
-            }
-            _ => Ok(()),
-        }
+        let output = files::Output::create(path)?;
+        std::fs::write(output.temporary(), text).map_err(Error::io(path))?;
+        output.finish_if_new()
     }
 }
 

@@ -2,6 +2,7 @@
 
 use super::Variation;
 use crate::error::{Error, Result};
+use crate::files;
 use crate::grid::Grid;
 use crate::math::DVec3;
 use crate::network::Levels;
@@ -169,7 +170,7 @@ impl DatasetSettings {
     pub(super) fn check(&self, simulations: &Path) -> Result<()> {
         for source in &self.sources {
             let path = simulations.join(&source.file);
-            std::fs::File::open(&path).map_err(Error::io(path))?;
+            files::check_regular(&path)?;
         }
         self.views()?;
         let [least, most] = self.droplets_per_cm3;

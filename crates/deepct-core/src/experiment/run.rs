@@ -106,7 +106,7 @@ impl MethodRunner<'_> {
         if !path.exists() {
             return Ok(None);
         }
-        let text = std::fs::read_to_string(&path).map_err(Error::io(&path))?;
+        let text = files::read_text(&path)?;
         let remedy = "delete the file: the result is then computed again";
         let outcome = serde_json::from_str(&text)
             .map_err(|problem| Error::file(&path, "result", problem.to_string(), remedy))?;

@@ -10,6 +10,8 @@ pub struct Checkpoint {
     pub stage: usize,
     /// Number of iterations in that stage.
     pub iteration: usize,
+    /// The point for which the model was created.
+    pub began_at: Vec<f64>,
     /// The point at which the second derivatives were estimated.
     pub probed_at: Vec<f64>,
     /// The current point of the optimiser.

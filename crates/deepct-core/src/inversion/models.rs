@@ -19,6 +19,10 @@ pub trait ForwardModel {
     /// # Errors
     /// The errors of the model.
     fn gradient(&mut self, weights: &ViewStack) -> Result<Volume>;
+
+    /// Forgets earlier evaluations, from which a model may start later ones. An inversion calls it
+    /// where it can be resumed, so that a resumed inversion has the same results.
+    fn forget(&mut self) {}
 }
 
 /// The conditions for which a model is created.

@@ -73,6 +73,12 @@ impl<'a> Objective<'a> {
         &self.probed_at
     }
 
+    /// Forgets all evaluations but the point and the second derivatives.
+    pub(super) fn forget(&mut self) {
+        self.last = None;
+        self.model.forget();
+    }
+
     /// The mean squared difference of the images at `x` from the measured ones, independent of the
     /// standard errors.
     pub(super) fn difference(&mut self, x: &[f64]) -> Result<f64> {

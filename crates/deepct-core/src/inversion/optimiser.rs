@@ -135,14 +135,15 @@ impl Minimiser {
         Ok(Self { point, pairs: VecDeque::new(), bounds, settings, values: 1 })
     }
 
-    /// Resumes from a point with the steps stored before it.
+    /// Resumes from a point with the steps stored before it and the number of evaluations so far.
     pub fn resume(
         point: Point,
         pairs: Vec<Pair>,
         bounds: Bounds,
         settings: MinimiserSettings,
+        values: usize,
     ) -> Self {
-        Self { point, pairs: pairs.into(), bounds, settings, values: 0 }
+        Self { point, pairs: pairs.into(), bounds, settings, values }
     }
 
     /// The current point.

@@ -6,6 +6,7 @@ use crate::grid::{Grid, Volume};
 use crate::image::ViewStack;
 use crate::optics::Scattering;
 use crate::scene::{Scene, View};
+use crate::stop::Stop;
 use crate::transport::{OrdinatesModel, OrdinatesSettings};
 use ndarray::{Array3, Zip};
 
@@ -42,6 +43,8 @@ pub struct OrdinatesModels {
     pub settings: OrdinatesSettings,
     /// Settings of the accurate solver that corrects the fast one, if any.
     pub accurate_settings: Option<OrdinatesSettings>,
+    /// Ends an evaluation that is running when it is requested.
+    pub stop: Stop,
 }
 
 impl OrdinatesModels {
@@ -55,7 +58,8 @@ impl OrdinatesModels {
             tolerance: settings.tolerance.max(STEP_TOLERANCE),
             ..settings
         };
-        Self { scene, views, settings: steps, accurate_settings: Some(settings) }
+        let accurate_settings = Some(settings);
+        Self { scene, views, settings: steps, accurate_settings, stop: Stop::default() }
     }
 
     /// Returns the models with [`QUICK_TOLERANCE`] and fewer rays in the fast solver; the accurate
@@ -108,6 +112,7 @@ impl Models for OrdinatesModels {
         let make = |settings| {
             let mut model = OrdinatesModel::new(&scene, &self.views, Some(mask), settings)?;
             model.look_at(pixels)?;
+            model.stop_by(self.stop.clone());
             Ok::<_, Error>(model)
         };
         let cheap = make(&self.settings)?;
@@ -142,6 +147,10 @@ impl ForwardModel for Corrected {
     fn gradient(&mut self, weights: &ViewStack) -> Result<Volume> {
         self.cheap.gradient(weights)
     }
+
+    fn forget(&mut self) {
+        self.cheap.forget();
+    }
 }
 
 impl ForwardModel for OrdinatesModel {
@@ -151,5 +160,9 @@ impl ForwardModel for OrdinatesModel {
 
     fn gradient(&mut self, weights: &ViewStack) -> Result<Volume> {
         Self::gradient(self, weights)
+    }
+
+    fn forget(&mut self) {
+        Self::forget(self);
     }
 }

@@ -71,7 +71,7 @@ pub trait Watch {
     /// Called after each iteration.
     fn reached(&self, _record: &Record) {}
 
-    /// Called after each iteration with the state from which the inversion can be resumed.
+    /// Called every few iterations with the state from which the inversion can be resumed.
     ///
     /// # Errors
     /// A checkpoint that cannot be stored; the inversion then ends with this error.

@@ -2,7 +2,7 @@
 
 use super::blocks::{coarsen, means, refine, shares};
 use super::objective::Objective;
-use super::optimiser::{Minimiser, MinimiserSettings, Step};
+use super::optimiser::{Function, Minimiser, MinimiserSettings, Step};
 use super::prior::Prior;
 use super::scale::scale;
 use super::variables::Variables;
@@ -20,6 +20,10 @@ use std::time::Instant;
 
 /// Number of iterations to which [`InversionSettings::change`] applies.
 const PATIENCE: usize = 5;
+
+/// Number of iterations between two states from which an inversion can be resumed. At each of them,
+/// the model forgets the solution from which the next one would start, which takes time.
+const KEPT: usize = 5;
 
 /// Smallest uncertainty of a start (1/km), because voxels that a network estimates as clear may
 /// contain thin cloud.
@@ -237,7 +241,18 @@ impl<'a> Run<'a> {
             Beginning::Volume(extinction, _) => {
                 variables.of(&means(extinction, self.mask, *block)?)
             }
-            Beginning::Checkpoint(checkpoint) => checkpoint.probed_at.clone(),
+            Beginning::Checkpoint(checkpoint) => {
+                let count = checkpoint.began_at.len();
+                if count != variables.len() || checkpoint.point.x.len() != count {
+                    return Err(Error::mismatch(
+                        "number of variables in the checkpoint",
+                        variables.len(),
+                        count,
+                        "resume with the images, grid and mask with which the inversion was started",
+                    ));
+                }
+                checkpoint.began_at.clone()
+            }
         };
         let expected = variables.extinction(&from)?;
         let (mask, pixels) = (level.mask()?, measurement.counted());
@@ -248,28 +263,36 @@ impl<'a> Run<'a> {
             objective.expect(&means(&expected.extinction, self.mask, *block)?);
         }
         let resumed = matches!(beginning, Beginning::Checkpoint(_));
-        let (mut minimiser, mut iteration) = match beginning {
+        let begun = match beginning {
             Beginning::Volume(extinction, search) => {
                 let cloudy = means(extinction, self.mask, *block)?;
-                (self.begin(&mut objective, cloudy, search)?, 0)
+                self.begin(&mut objective, cloudy, search).map(|minimiser| (minimiser, 0))
             }
-            Beginning::Checkpoint(checkpoint) => self.restore(&mut objective, checkpoint)?,
+            Beginning::Checkpoint(checkpoint) => self.restore(&mut objective, checkpoint),
+        };
+        let (mut minimiser, mut iteration) = match begun {
+            Err(Error::Interrupted) => {
+                return Ok((self.answer(level, &objective, &from)?, Ending::Interrupted));
+            }
+            begun => begun?,
         };
         if !resumed {
-            self.note(level, &objective, &minimiser, 0)?;
+            self.note(level, &mut objective, &minimiser, (0, &from))?;
         }
         let most = if *near { self.settings.iterations } else { self.settings.coarse_iterations };
         let ending = loop {
             if let Some(ending) = self.ended(iteration, most, level.number) {
                 break ending;
             }
-            if minimiser.step(&mut objective)? == Step::NoDescent {
-                break Ending::Stalled;
-            }
+            match minimiser.step(&mut objective) {
+                Ok(Step::NoDescent) => break Ending::Stalled,
+                Err(Error::Interrupted) => break Ending::Interrupted,
+                other => other?,
+            };
             iteration += 1;
-            self.note(level, &objective, &minimiser, iteration)?;
+            self.note(level, &mut objective, &minimiser, (iteration, &from))?;
         };
-        Ok((self.answer(level, &objective, &minimiser)?, ending))
+        Ok((self.answer(level, &objective, &minimiser.point().x)?, ending))
     }
 
     /// Scales the start, estimates the second derivatives, and computes the first gradient.
@@ -281,6 +304,8 @@ impl<'a> Run<'a> {
     ) -> Result<Minimiser> {
         if search {
             scale(objective, &mut cloudy)?;
+            // A resumed inversion does not search.
+            objective.forget();
         }
         let x = objective.variables.of(&cloudy);
         objective.probe(&x, self.settings, self.views)?;
@@ -294,19 +319,15 @@ impl<'a> Run<'a> {
         objective: &mut Objective,
         checkpoint: Checkpoint,
     ) -> Result<(Minimiser, usize)> {
-        let Checkpoint { probed_at, point, pairs, iteration, .. } = checkpoint;
-        let variables = objective.variables.len();
-        if probed_at.len() != variables || point.x.len() != variables {
-            return Err(Error::mismatch(
-                "number of variables in the checkpoint",
-                variables,
-                point.x.len(),
-                "resume with the images, grid and mask with which the inversion was started",
-            ));
-        }
+        let Checkpoint { probed_at, point, pairs, iteration, history, .. } = checkpoint;
         objective.probe(&probed_at, self.settings, self.views)?;
+        // A corrected model is corrected at the first point of the stage.
+        objective.value(&probed_at)?;
+        objective.forget();
         let bounds = objective.variables.bounds();
-        Ok((Minimiser::resume(point, pairs, bounds, minimiser_settings(self.settings)), iteration))
+        let values = history.last().map_or(0, |record| record.evaluations);
+        let settings = minimiser_settings(self.settings);
+        Ok((Minimiser::resume(point, pairs, bounds, settings, values), iteration))
     }
 
     /// The reason to end the stage, if there is one.
@@ -331,13 +352,13 @@ impl<'a> Run<'a> {
     fn note(
         &mut self,
         level: &Level,
-        objective: &Objective,
+        objective: &mut Objective,
         minimiser: &Minimiser,
-        iteration: usize,
+        (iteration, began_at): (usize, &[f64]),
     ) -> Result<()> {
         let (mut relative_error, mut mass_error) = (None, None);
         if let Some(truth) = self.truth {
-            let estimate = self.answer(level, objective, minimiser)?;
+            let estimate = self.answer(level, objective, &minimiser.point().x)?;
             relative_error = Some(metrics::relative_error(truth, &estimate)?);
             mass_error = Some(metrics::mass_error(truth, &estimate)?);
         }
@@ -354,9 +375,14 @@ impl<'a> Run<'a> {
         };
         self.history.push(record);
         self.watch.reached(&record);
+        if !iteration.is_multiple_of(KEPT) {
+            return Ok(());
+        }
+        objective.forget();
         self.watch.keep(&Checkpoint {
             stage: level.number,
             iteration,
+            began_at: began_at.to_vec(),
             probed_at: objective.probed_at().to_vec(),
             point: minimiser.point().clone(),
             pairs: minimiser.pairs().cloned().collect(),
@@ -364,14 +390,9 @@ impl<'a> Run<'a> {
         })
     }
 
-    /// The extinction of the cloudy parts on the grid of the solution, 0 outside the mask.
-    fn answer(
-        &self,
-        level: &Level,
-        objective: &Objective,
-        minimiser: &Minimiser,
-    ) -> Result<Volume> {
-        let cloudy = objective.variables.cloudy(&minimiser.point().x);
+    /// The extinction of the cloudy parts at `x` on the grid of the solution, 0 outside the mask.
+    fn answer(&self, level: &Level, objective: &Objective, x: &[f64]) -> Result<Volume> {
+        let cloudy = objective.variables.cloudy(x);
         let values = objective.variables.scatter(&cloudy).mapv(|value| value as f32);
         let mut volume = Volume::new(level.grid, values)?;
         if level.block > 1 {

@@ -3,11 +3,13 @@
 //! | tensor | shape | |
 //! |---|---|---|
 //! | `x`, `gradient` | `[variables]` | the current point and the gradient there |
+//! | `began_at` | `[variables]` | the point for which the model was created |
 //! | `probed_at` | `[variables]` | the point at which the second derivatives were estimated |
 //! | `steps`, `changes` | `[pairs, variables]` | the stored pairs of the optimiser, oldest first |
 
 use crate::error::{Error, Result};
-use crate::inversion::{Checkpoint, Pair, Point, Record};
+use crate::inversion::{Checkpoint, Pair, Point, Problem, Record, Start};
+use ndarray::Array3;
 use safetensors::tensor::TensorView;
 use safetensors::{Dtype, SafeTensors};
 use serde::{Deserialize, Serialize};
@@ -30,6 +32,25 @@ struct Header {
     history: Vec<Record>,
 }
 
+/// Text that identifies an inversion in a checkpoint: its `configuration` and a checksum of the
+/// contents of its images, mask and start.
+pub fn inversion_identity(problem: &Problem, start: &Start, configuration: &str) -> String {
+    let Problem { observation, mask, .. } = problem;
+    let mut fields: Vec<&Array3<f32>> = vec![&observation.images.values];
+    fields.extend(observation.standard_error.as_ref().map(|errors| &errors.values));
+    if let Start::Estimate(estimate) = start {
+        fields.push(&estimate.extinction.values);
+        fields.extend(estimate.uncertainty.as_ref().map(|volume| &volume.values));
+    }
+    let mut parts: Vec<Vec<u8>> =
+        fields.iter().map(|field| field.iter().flat_map(|x| x.to_le_bytes()).collect()).collect();
+    parts.push(mask.values.iter().map(|inside| u8::from(*inside)).collect());
+    let geometry = format!("{:?} {:?} {:?}", observation.views, observation.light, mask.grid);
+    parts.push(geometry.into_bytes());
+    let digest = crate::files::sha256_of(parts.iter().map(Vec::as_slice));
+    format!("{configuration}sha256 = \"{digest}\"\n")
+}
+
 /// Write a checkpoint, first under a temporary name. `identity` is an arbitrary text that
 /// identifies the inversion problem.
 ///
@@ -41,7 +62,7 @@ pub fn write_checkpoint(
     identity: &str,
 ) -> Result<()> {
     let path = path.as_ref();
-    let Checkpoint { stage, iteration, probed_at, point, pairs, history } = checkpoint;
+    let Checkpoint { stage, iteration, began_at, probed_at, point, pairs, history } = checkpoint;
     let (stage, iteration, value) = (*stage, *iteration, point.value);
     let (identity, history) = (identity.to_owned(), history.clone());
     let header = Header { identity, stage, iteration, value, history };
@@ -52,6 +73,7 @@ pub fn write_checkpoint(
     let (steps, changes) = (joined(|pair| &pair.step), joined(|pair| &pair.change));
     let (one, all) = (vec![probed_at.len()], vec![pairs.len(), probed_at.len()]);
     let tensors = [
+        ("began_at", began_at, &one),
         ("probed_at", probed_at, &one),
         ("x", &point.x, &one),
         ("gradient", &point.gradient, &one),
@@ -77,7 +99,7 @@ pub fn read_checkpoint(path: impl AsRef<Path>, identity: &str) -> Result<Checkpo
     let path = path.as_ref();
     let remedy = "delete the file and restart the inversion without --resume";
     let damaged = |problem: String| Error::file(path, "checkpoint", problem, remedy);
-    let bytes = std::fs::read(path).map_err(Error::io(path))?;
+    let bytes = crate::files::read(path, crate::memory::limit())?;
     let (_, header) =
         SafeTensors::read_metadata(&bytes).map_err(|problem| damaged(problem.to_string()))?;
     let header = header.metadata().as_ref().and_then(|metadata| metadata.get(KEY));
@@ -99,8 +121,14 @@ pub fn read_checkpoint(path: impl AsRef<Path>, identity: &str) -> Result<Checkpo
     };
     let (probed_at, x, gradient) = (read("probed_at")?, read("x")?, read("gradient")?);
     let (steps, changes) = (read("steps")?, read("changes")?);
+    let began_at = read("began_at")?;
     let count = probed_at.len();
-    if count == 0 || x.len() != count || gradient.len() != count || steps.len() != changes.len() {
+    if count == 0
+        || began_at.len() != count
+        || x.len() != count
+        || gradient.len() != count
+        || steps.len() != changes.len()
+    {
         return Err(damaged("has tensors of inconsistent lengths".into()));
     }
     let pairs = steps.chunks_exact(count).zip(changes.chunks_exact(count));
@@ -108,6 +136,7 @@ pub fn read_checkpoint(path: impl AsRef<Path>, identity: &str) -> Result<Checkpo
     Ok(Checkpoint {
         stage: header.stage,
         iteration: header.iteration,
+        began_at,
         probed_at,
         point: Point { x, value: header.value, gradient },
         pairs: pairs.collect(),
@@ -135,6 +164,7 @@ mod tests {
         Checkpoint {
             stage: 1,
             iteration: 3,
+            began_at: vec![0.9, 0.2],
             probed_at: vec![1.0, 0.3],
             point: Point { x: vec![0.7, 1e-17], value: 3.5, gradient: vec![-1.0, 1.0 / 3.0] },
             pairs: vec![pair(1.0), pair(1.0 / 7.0)],

@@ -21,8 +21,8 @@ pub fn write_exr(path: impl AsRef<Path>, observation: &Observation) -> Result<()
     let layers: SmallVec<_> = (0..views).map(|view| layer(observation, view)).collect();
     let window = IntegerBounds::from_dimensions((cols, rows));
     let image = Image::from_layers(ImageAttributes::new(window), layers);
-    let temporary = crate::files::temporary_beside(path)?;
-    image.write().to_file(&temporary).map_err(|problem| {
+    let output = crate::files::Output::create(path)?;
+    image.write().to_file(output.temporary()).map_err(|problem| {
         Error::file(
             path,
             "file",
@@ -30,7 +30,7 @@ pub fn write_exr(path: impl AsRef<Path>, observation: &Observation) -> Result<()
             "check that the disk has room and the folder can be written",
         )
     })?;
-    temporary.persist(path).map_err(|problem| Error::io(path)(problem.error))
+    output.finish()
 }
 
 fn layer(observation: &Observation, number: usize) -> Layer<AnyChannels<FlatSamples>> {

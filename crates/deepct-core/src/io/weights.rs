@@ -139,12 +139,7 @@ pub fn load_weights(name_or_path: impl AsRef<Path>) -> Result<Weights> {
 /// missing or superfluous, has a wrong shape or type, or contains a value that is not finite.
 pub fn read_trained_weights(path: impl AsRef<Path>) -> Result<TrainedWeights> {
     let path = path.as_ref();
-    let size = std::fs::metadata(path).map_err(Error::io(path))?.len();
-    if size > MAX_WEIGHTS_BYTES {
-        let problem = format!("is {size} bytes, more than {MAX_WEIGHTS_BYTES}");
-        return Err(Error::file(path, "file", problem, "give a file of weights"));
-    }
-    let bytes = std::fs::read(path).map_err(Error::io(path))?;
+    let bytes = crate::files::read(path, MAX_WEIGHTS_BYTES)?;
     parse_trained_weights(&bytes, path)
 }
 

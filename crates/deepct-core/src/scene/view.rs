@@ -2,6 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::math::{DVec3, Ray, zenith_and_azimuth};
+use crate::memory;
 use glam::DVec2;
 
 /// The projection of points of the scene onto the image.
@@ -81,6 +82,7 @@ impl View {
                 "at least 1 along each axis",
             ));
         }
+        memory::check("memory for an image", self.rows as f64 * self.cols as f64, 32.0)?;
         let towards = self.towards();
         if !(towards.is_finite() && self.target.is_finite() && towards.z > 1e-3) {
             return Err(Error::out_of_range(

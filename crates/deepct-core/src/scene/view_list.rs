@@ -2,6 +2,7 @@
 
 use super::{Formation, View};
 use crate::error::{Error, Result};
+use crate::files;
 use crate::math::{DVec3, towards};
 use serde::Deserialize;
 use std::path::Path;
@@ -96,7 +97,7 @@ impl ViewList {
             let range = format!("the name of a formation ({presets}) or a TOML file of views");
             return Err(Error::out_of_range("views", format!("\"{name}\""), range));
         }
-        let text = std::fs::read_to_string(path).map_err(Error::io(path))?;
+        let text = files::read_text(path)?;
         let list = Self::parse(&text).map_err(|problem| {
             Error::file(path, "views", problem, "see `deepct render --help` for the file format")
         })?;

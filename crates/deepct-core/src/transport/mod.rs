@@ -24,6 +24,7 @@ pub use photons::{FluxSettings, Fluxes, Share, fluxes};
 use crate::error::{Error, Result};
 use crate::image::ViewStack;
 use crate::math::Ray;
+use crate::memory;
 use crate::optics::Interpolation;
 use crate::scene::{Scene, View};
 
@@ -54,7 +55,7 @@ pub struct Rendering {
     pub standard_error: Option<ViewStack>,
     /// Number of photon paths per pixel; 0 for a solver that traces none.
     pub samples_per_pixel: u32,
-    /// Whether the progress callback stopped the computation before it was complete.
+    /// Whether the progress callback stopped the Monte Carlo solver before it was complete.
     pub interrupted: bool,
     /// Whether the discrete-ordinates solver reached its tolerance; always `true` for the Monte
     /// Carlo solver, which does not iterate.
@@ -93,6 +94,15 @@ pub trait Watch: Sync {
 
 impl Watch for () {}
 
+/// A callback that may stop the computation, without the progress.
+struct Silent<'a>(&'a dyn Watch);
+
+impl Watch for Silent<'_> {
+    fn interrupted(&self) -> bool {
+        self.0.interrupted()
+    }
+}
+
 /// Render the images of `scene` for `views`. `watch` receives the progress and may stop the
 /// computation.
 ///
@@ -114,12 +124,11 @@ pub fn render(
         Solver::Ordinates(settings) => {
             let mut model = OrdinatesModel::new(scene, views, None, settings)?;
             let images = model.watched(&scene.medium.extinction, watch)?;
-            let interrupted = watch.interrupted() && !model.converged();
-            let coarser = settings.coarser().filter(|_| settings.estimate_error && !interrupted);
+            let coarser = settings.coarser().filter(|_| settings.estimate_error);
             let estimated_error = match coarser {
                 Some(coarser) => {
                     let mut model = OrdinatesModel::new(scene, views, None, &coarser)?;
-                    let coarse = model.images(&scene.medium.extinction)?;
+                    let coarse = model.watched(&scene.medium.extinction, &Silent(watch))?;
                     Some(ERROR_SHARE * bright_difference(&images, &coarse))
                 }
                 None => None,
@@ -128,7 +137,7 @@ pub fn render(
                 images,
                 standard_error: None,
                 samples_per_pixel: 0,
-                interrupted,
+                interrupted: false,
                 converged: model.converged(),
                 estimated_error,
                 noise: None,
@@ -192,7 +201,10 @@ fn check_sizes(views: &[View]) -> Result<()> {
         return Err(Error::out_of_range("number of views", 0, "at least 1"));
     };
     match views.iter().position(|view| (view.rows, view.cols) != (first.rows, first.cols)) {
-        None => Ok(()),
+        None => {
+            let pixels = views.len() as f64 * first.rows as f64 * first.cols as f64;
+            memory::check("memory for the images", pixels, 32.0)
+        }
         Some(number) => Err(Error::mismatch(
             format!("image size [row, col] of view {number}"),
             format!("[{}, {}], the size of view 0,", first.rows, first.cols),

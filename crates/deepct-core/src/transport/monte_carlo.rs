@@ -18,6 +18,8 @@ use rayon::prelude::*;
 const ROUNDS: u32 = 32;
 /// Smallest number of samples per pixel in a round.
 const SMALLEST_ROUND: u32 = 16;
+/// Largest number in a round without a noise to reach; a round that is stopped is lost.
+const LARGEST_ROUND: u32 = 256;
 /// Number of samples per pixel in the first round if a noise is given.
 const FIRST_ROUND: u32 = 64;
 
@@ -63,7 +65,8 @@ impl MonteCarloSettings {
     fn next_round(&self, drawn: u32, noise: f64) -> u32 {
         let left = self.samples_per_pixel - drawn;
         let Some(wanted) = self.noise else {
-            let round = self.samples_per_pixel.div_ceil(ROUNDS).max(SMALLEST_ROUND);
+            let round =
+                self.samples_per_pixel.div_ceil(ROUNDS).clamp(SMALLEST_ROUND, LARGEST_ROUND);
             // A small remainder is merged into the last round.
             return if left < 2 * round { left } else { round };
         };

@@ -117,7 +117,7 @@ fn a_minimisation_goes_on_where_it_was() {
     let half = minimise(&start, bounds(), 5);
     let (point, pairs) = (half.point().clone(), half.pairs().cloned().collect());
     let settings = MinimiserSettings { first_change: 0.1, ..Default::default() };
-    let mut rest = Minimiser::resume(point, pairs, bounds(), settings);
+    let mut rest = Minimiser::resume(point, pairs, bounds(), settings, 0);
     let mut function = Rosenbrock { x: Vec::new() };
     for _ in 5..12 {
         assert_eq!(rest.step(&mut function).unwrap(), Step::Taken);

@@ -12,9 +12,11 @@ use super::{Crop, ImportSettings, edges_of, grid_over};
 use crate::cloud::resample::resample_droplets;
 use crate::cloud::{Cloud, EFFECTIVE_VARIANCE, Microphysics};
 use crate::error::{Error, Result};
+use crate::files;
 use crate::grid::MAX_VOXELS;
 use crate::grid::resample::uniform_edges;
 use crate::io::plausible::Checks;
+use crate::memory;
 use ndarray::{Array3, Axis};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -62,7 +64,7 @@ pub fn read_text(
         let problem = "has no named unit: text files are in km, g/m3 and um";
         return Err(Error::file(path, name, problem, "omit --units"));
     }
-    let bytes = std::fs::read(path).map_err(Error::io(path))?;
+    let bytes = files::read(path, memory::limit() / 8)?;
     let text = String::from_utf8(bytes).map_err(|_| {
         let remedy = "`formats` lists the supported formats";
         Error::file(path, "file", "is neither HDF5 nor text", remedy)

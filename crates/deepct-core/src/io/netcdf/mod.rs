@@ -3,6 +3,7 @@
 mod axis;
 mod dimension;
 mod field;
+mod guard;
 mod light;
 mod observation;
 mod read;
@@ -16,6 +17,7 @@ pub use field::{
     read_cloud, read_estimate, read_grid, read_implausible_cloud, read_mask, read_volume,
     write_cloud, write_estimate, write_mask, write_volume,
 };
+pub use guard::{allow_external_files, endless_reading};
 pub use light::read_light;
 pub use observation::{read_observation, write_observation};
 pub(crate) use read::{Input, Variable};

@@ -1,9 +1,11 @@
 //! Reading of netCDF-4 and HDF5 files. The size, dimensions and data type of every variable are
 //! checked before its values are read.
 
+use super::guard::{self, Reading};
 use super::{MAX_VALUES, dimension};
 use crate::error::{Error, Result};
 use crate::io::units::Unit;
+use crate::memory;
 use hdf5::types::{
     FixedAscii, FixedUnicode, FloatSize, TypeDescriptor, VarLenAscii, VarLenUnicode,
 };
@@ -19,11 +21,18 @@ const LONGEST_TEXT: usize = 4096;
 /// The value that the netCDF library assigns to real numbers that were never written.
 const UNWRITTEN: f64 = 9.969_209_968_386_869e36;
 
+/// Ratio of the size of the values to that of the file above which the values cannot have been
+/// written: deflate compresses by at most 1032. Small variables are not checked.
+const MOST_COMPRESSED: f64 = 1200.0;
+const UNCHECKED_BYTES: f64 = 3e7;
+
 /// A file that is open for reading.
 pub(crate) struct Input {
     path: PathBuf,
     /// Units that replace those of the file, by the name of the variable.
     units: BTreeMap<String, String>,
+    /// Size of the file (bytes).
+    bytes: f64,
     file: hdf5::File,
     scales: Vec<(String, Dataset)>,
 }
@@ -107,6 +116,9 @@ impl Input {
         if !path.exists() {
             return Err(unusable("does not exist", "check the path"));
         }
+        crate::files::check_regular(path)?;
+        let bytes = std::fs::metadata(path).map_err(Error::io(path))?.len() as f64;
+        let _reading = Reading::start(path, bytes);
         let file = hdf5::File::open(path).map_err(|_| match first_bytes(path).as_slice() {
             b"\x89HDF\r\n\x1a\n" => unusable(
                 "is truncated or damaged",
@@ -117,6 +129,7 @@ impl Input {
             }
             _ => unusable("is not an HDF5 or netCDF-4 file", "give a file of that format"),
         })?;
+        guard::check_links(path, &file)?;
         let datasets = file.datasets().map_err(|_| {
             unusable("is damaged: its contents cannot be listed", "copy it again from its source")
         })?;
@@ -125,7 +138,7 @@ impl Input {
             .filter(dimension::is_scale)
             .map(|scale| (leaf(&scale.name()), scale))
             .collect();
-        Ok(Self { path: path.into(), units: BTreeMap::new(), file, scales })
+        Ok(Self { path: path.into(), units: BTreeMap::new(), bytes, file, scales })
     }
 
     /// The same file with units that replace those of its variables.
@@ -171,6 +184,7 @@ impl Input {
             let names = self.names().join(", ");
             self.error(name, "is missing", &format!("the file has these variables: {names}"))
         })?;
+        guard::check_storage(&self.path, name, &dataset)?;
         Ok(Variable { input: self, name: name.into(), shape: dataset.shape(), dataset })
     }
 
@@ -240,6 +254,7 @@ impl Variable<'_> {
 
     /// The value of a text attribute.
     pub(crate) fn text(&self, name: &str) -> Option<String> {
+        let _reading = self.reading();
         text_attribute(&self.dataset, name)
     }
 
@@ -251,13 +266,20 @@ impl Variable<'_> {
         }
     }
 
+    /// A mark that this variable is being read.
+    fn reading(&self) -> Reading {
+        Reading::start(&self.input.path, 8.0 * self.shape.iter().product::<usize>() as f64)
+    }
+
     /// The names of its attributes.
     pub(crate) fn attributes(&self) -> Vec<String> {
+        let _reading = self.reading();
         self.dataset.attr_names().unwrap_or_default()
     }
 
     /// The numbers in an attribute, also if they are written as text.
     fn numbers(&self, name: &str) -> Vec<f64> {
+        let _reading = self.reading();
         let Ok(attribute) = self.dataset.attr(name) else { return Vec::new() };
         match attribute.dtype().and_then(|kind| kind.to_descriptor()) {
             Ok(
@@ -415,7 +437,19 @@ impl Variable<'_> {
         let count = ranges.iter().try_fold(1_usize, |count, range| count.checked_mul(range.len()));
         match count {
             Some(0) => Err(self.error("is empty", "write it with values")),
-            Some(count) if count <= MAX_VALUES => Ok(()),
+            Some(count) if count <= MAX_VALUES => {
+                let bytes = 4.0 * count as f64;
+                // Values that were never written take no space in a file.
+                if bytes > UNCHECKED_BYTES && bytes > MOST_COMPRESSED * self.input.bytes {
+                    let problem = format!(
+                        "declares shape {:?}, but the file has {} bytes only",
+                        self.shape, self.input.bytes
+                    );
+                    return Err(self.error(problem, "write it again with all of its values"));
+                }
+                memory::check("memory for a variable", count as f64, 16.0)
+                    .map_err(Error::in_file(&self.input.path))
+            }
             _ => Err(self.error(
                 format!("declares shape {:?}, more than {MAX_VALUES} values", self.shape),
                 "give a smaller part of the field",
@@ -497,6 +531,7 @@ impl Variable<'_> {
     }
 
     fn fetch<T: H5Type>(&self, ranges: &[Range<usize>]) -> Result<ArrayD<T>> {
+        let _reading = self.reading();
         let unreadable = |problem: hdf5::Error| {
             self.error(
                 format!("cannot be read: {}", first_line(&problem)),

@@ -27,7 +27,7 @@ pub(super) type Attributes<'a> = [(&'a str, Attribute<'a>)];
 /// before, the file is not created.
 pub(super) struct Output {
     path: PathBuf,
-    temporary: tempfile::TempPath,
+    output: crate::files::Output,
     file: hdf5::File,
     dimensions: Vec<(String, Dataset)>,
 }
@@ -35,14 +35,14 @@ pub(super) struct Output {
 impl Output {
     /// Start the file `path` with its global attributes.
     pub(super) fn create(path: &Path, provenance: &Provenance) -> Result<Self> {
-        let temporary = crate::files::temporary_beside(path)?;
+        let output = crate::files::Output::create(path)?;
         let file = hdf5::File::with_options()
             .with_fapl(|access| access.libver_v18())
             // Without time stamps, repeated runs write identical bytes.
             .with_fcpl(|creation| creation.obj_track_times(false))
-            .create(&temporary)
+            .create(output.temporary())
             .map_err(|problem| cannot_write(path, "file", &problem))?;
-        let output = Self { path: path.into(), temporary, file, dimensions: Vec::new() };
+        let output = Self { path: path.into(), output, file, dimensions: Vec::new() };
         let version = env!("CARGO_PKG_VERSION");
         let source = format!("deepct {version}");
         output.attributes(
@@ -153,10 +153,10 @@ impl Output {
 
     /// Close the file and rename it to its final name.
     pub(super) fn finish(self) -> Result<()> {
-        let Self { path, temporary, file, dimensions } = self;
+        let Self { path, output, file, dimensions } = self;
         drop(dimensions);
         file.close().map_err(|problem| cannot_write(&path, "file", &problem))?;
-        temporary.persist(&path).map_err(|problem| Error::io(&path)(problem.error))
+        output.finish()
     }
 }
 

@@ -28,7 +28,8 @@ impl OrdinatesModel {
         let OrdinatesSettings { tolerance, most_sweeps, .. } = self.settings;
         let thrown = self.thrown_on_surface(&derivative.on_surface.irradiance);
         let backward = Origin { own: &by_moments, outside: &thrown, ..Origin::default() };
-        let (adjoint, _) = transport.solve(backward, start, tolerance, most_sweeps, &|_| true);
+        let (adjoint, _) = transport
+            .solve(backward, start, tolerance, most_sweeps, &|_| !self.stop.is_requested());
 
         // Derivative with respect to the attenuation of light, from the forward and the adjoint
         // radiance.

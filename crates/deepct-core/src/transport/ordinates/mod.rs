@@ -32,6 +32,7 @@ use crate::grid::{Mask, Volume};
 use crate::image::ViewStack;
 use crate::math::DVec3;
 use crate::scene::{Boundary, Scene, View};
+use crate::stop::Stop;
 use beam::{Rays, cubature};
 use camera::{Camera, Tile, tiles};
 use diffuse::{Field, Origin, Transport};
@@ -69,6 +70,7 @@ pub struct OrdinatesModel {
     adjoint: Option<Field>,
     sweeps: usize,
     converged: bool,
+    stop: Stop,
 }
 
 /// A solution for one extinction.
@@ -137,7 +139,7 @@ impl OrdinatesModel {
         });
         let cubature = cubature(thickest.fold(0.0, f64::max));
         let optics = Optics::new(&medium.scattering, grid, &lattice, &quadrature);
-        let surroundings = Surroundings::new(scene, &lattice, &quadrature);
+        let surroundings = Surroundings::new(scene, &lattice, &quadrature)?;
         let middle = |slot| lattice.point(slot, DVec3::splat(0.5)).z;
         let air_depths =
             (0..lattice.len()).map(|slot| surroundings.sun_depth(middle(slot)) as f32).collect();
@@ -157,7 +159,23 @@ impl OrdinatesModel {
             adjoint: None,
             sweeps: 0,
             converged: true,
+            stop: Stop::default(),
         })
+    }
+
+    /// Ends a computation that is running, with [`Error::Interrupted`], when `stop` is requested.
+    pub fn stop_by(&mut self, stop: Stop) {
+        self.stop = stop;
+    }
+
+    /// Forgets the solutions from which the next ones would start, so that these depend on their own
+    /// inputs only.
+    pub fn forget(&mut self) {
+        (self.state, self.adjoint) = (None, None);
+    }
+
+    fn check_stop(&self) -> Result<()> {
+        if self.stop.is_requested() { Err(Error::Interrupted) } else { Ok(()) }
     }
 
     /// Replace the views, and compute all of their pixels.
@@ -216,13 +234,15 @@ impl OrdinatesModel {
         self.watched(extinction, &())
     }
 
-    /// [`Self::images`] with a progress callback, which may stop the sweeps; the images are then
-    /// those of a solution that has not converged.
+    /// [`Self::images`] with a progress callback, which may stop the computation.
     pub(super) fn watched(&mut self, extinction: &Volume, watch: &dyn Watch) -> Result<ViewStack> {
         let grid = &self.scene.medium.extinction.grid;
         grid.check_same("the extinction", &extinction.grid)?;
         extinction.check_non_negative("extinction")?;
         self.solve(standard(&extinction.values), watch);
+        let check_stop =
+            || if watch.interrupted() { Err(Error::Interrupted) } else { self.check_stop() };
+        check_stop()?;
         let state = self.state.as_ref().expect("solved above");
         let camera = self.camera(state);
         let [rows, cols] = [self.views[0].rows, self.views[0].cols];
@@ -230,7 +250,8 @@ impl OrdinatesModel {
         let irradiance = self.scene.sun.irradiance;
         let looked_at = |tile: &Tile| -> Vec<[usize; 2]> {
             let counts = |[row, col]: &[usize; 2]| {
-                self.pixels.as_ref().is_none_or(|pixels| pixels[[tile.view, *row, *col]])
+                check_stop().is_ok()
+                    && self.pixels.as_ref().is_none_or(|pixels| pixels[[tile.view, *row, *col]])
             };
             tile.pixels().filter(counts).collect()
         };
@@ -247,6 +268,7 @@ impl OrdinatesModel {
             values
         };
         let values: Vec<_> = self.tiles.par_iter().map(seen).collect();
+        check_stop()?;
         for (tile, values) in self.tiles.iter().zip(values) {
             for ([row, col], value) in values {
                 images[[tile.view, row, col]] = value as f32;
@@ -276,6 +298,7 @@ impl OrdinatesModel {
             return Err(Error::out_of_range("images", "missing", "computed before the gradient"));
         };
         let (by_voxel, adjoint) = self.differentiate(state, weights);
+        self.check_stop()?;
         self.adjoint = Some(adjoint);
         let grid = self.scene.medium.extinction.grid;
         let values = by_voxel.into_iter().map(|value| value as f32).collect();
@@ -368,7 +391,7 @@ impl OrdinatesModel {
         let go_on = |change: f64| {
             let share = change.min(1.0).ln() / tolerance.ln();
             watch.reached(&progress(SOLVED * share.clamp(0.0, 1.0)));
-            !watch.interrupted()
+            !watch.interrupted() && !self.stop.is_requested()
         };
         let (field, sweeps) = transport.solve(origin, start, tolerance, most_sweeps, &go_on);
         let stopped = watch.interrupted();

@@ -18,8 +18,13 @@ impl SurfacePoints {
     pub(super) fn new(lower: DVec3, upper: DVec3, wanted: DVec3, periodic: bool) -> Self {
         let steps = ((upper - lower) / wanted).round().max(DVec3::ONE);
         let spacing = DVec3 { z: 0.0, ..(upper - lower) / steps };
-        let count = |steps: f64| steps as usize + usize::from(!periodic);
+        let count = |steps: f64| (steps as usize).saturating_add(usize::from(!periodic));
         Self { origin: lower, spacing, rows: count(steps.y), cols: count(steps.x), periodic }
+    }
+
+    /// Number of points, which may be too large for [`Self::len`].
+    pub(super) fn count(&self) -> f64 {
+        self.rows as f64 * self.cols as f64
     }
 
     /// Number of points.

@@ -13,7 +13,9 @@ use super::quadrature::{Octant, Quadrature, gauss_legendre};
 use super::sky::Sky;
 use super::surface_points::{Corners, SurfacePoints};
 use super::sweep::Faces;
+use crate::error::Result;
 use crate::math::{DVec3, Ray};
+use crate::memory;
 use crate::scene::{Boundary, Scene, Surface};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
@@ -31,6 +33,9 @@ const SHADOW_STEP: f64 = 0.25;
 /// Number of vertical direction components at which the light of the molecular atmosphere is
 /// evaluated for an ordinate.
 const BIN_NODES: usize = 6;
+
+/// Memory for a point of the surface, with the derivatives (bytes).
+const POINT_BYTES: f64 = 64.0;
 
 /// Molecular atmosphere and surface, illuminated by the Sun.
 #[derive(Debug)]
@@ -91,14 +96,20 @@ impl Outside {
 }
 
 impl Surroundings {
-    pub(super) fn new(scene: &Scene, lattice: &Lattice, quadrature: &Quadrature) -> Self {
+    /// # Errors
+    /// A Sun so low, or a surface so far below, that the points do not fit into the memory.
+    pub(super) fn new(scene: &Scene, lattice: &Lattice, quadrature: &Quadrature) -> Result<Self> {
         let (sun, surface) = (scene.sun.towards(), scene.surface);
+        let shadow = shadow_points(lattice, sun, surface.altitude);
+        let lit = lit_points(lattice, surface.altitude);
+        let points = shadow.count() + lit.count();
+        memory::check("memory for the shadow of a low Sun on the surface", points, POINT_BYTES)?;
         let mut surroundings = Self {
             sky: Sky::new(scene),
             surface,
             sun,
-            shadow: shadow_points(lattice, sun, surface.altitude),
-            lit: lit_points(lattice, surface.altitude),
+            shadow,
+            lit,
             air: Default::default(),
             feet: Default::default(),
             unclouded: Vec::new(),
@@ -111,7 +122,7 @@ impl Surroundings {
             }
         }
         surroundings.unclouded = surroundings.unclouded(lattice, quadrature);
-        surroundings
+        Ok(surroundings)
     }
 
     /// Whether no light enters from outside.

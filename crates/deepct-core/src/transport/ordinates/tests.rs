@@ -296,7 +296,7 @@ fn the_light_of_a_small_cloud_is_that_of_photon_paths() {
     }
 }
 
-/// A progress callback receives shares from small values to 1, and may stop the sweeps.
+/// A progress callback receives shares from small values to 1, and may stop the computation.
 #[test]
 fn a_rendering_is_watched_and_stopped() {
     struct Waiting {
@@ -323,15 +323,12 @@ fn a_rendering_is_watched_and_stopped() {
     let solver = Solver::Ordinates(OrdinatesSettings::default());
     let rendered = |stop| {
         let waiting = Waiting { stop, shares: Default::default() };
-        let rendering = render(&scene, &views, &solver, &waiting).unwrap();
+        let rendering = render(&scene, &views, &solver, &waiting);
         (rendering, waiting.shares.into_inner().unwrap())
     };
     let (whole, shares) = rendered(false);
-    assert!(whole.converged && !whole.interrupted);
+    assert!(whole.unwrap().converged);
     assert!(shares.len() > 4 && shares[0] < 0.5 && shares.last() == Some(&1.0), "{shares:?}");
     let (part, shares) = rendered(true);
-    assert!(part.interrupted && !part.converged && shares.len() < 6, "{shares:?}");
-    // Light that was scattered only a few times.
-    let (part, whole) = (part.images.brightest(), whole.images.brightest());
-    assert!(0.05 * whole < part && part < whole, "{part} of {whole}");
+    assert!(matches!(part, Err(Error::Interrupted)) && shares.len() < 6, "{shares:?}");
 }
