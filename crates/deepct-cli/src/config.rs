@@ -3,7 +3,7 @@
 
 use crate::defaults;
 use crate::outcome::Outcome;
-use deepct_core::files::read_text;
+use deepct_core::files::{read_text, toml_problem};
 use deepct_core::scene::Light;
 use deepct_core::{Error, Result};
 use serde::de::DeserializeOwned;
@@ -103,7 +103,12 @@ impl Settings {
 
 /// Reads the TOML file of settings of a verb.
 pub(crate) fn read_table(path: &Path, verb: &str) -> Result<toml::Table> {
-    read_text(path)?.parse().map_err(|problem| invalid(path, &problem, verb))
+    let text = read_text(path)?;
+    text.parse().map_err(|problem| {
+        let problem = toml_problem(&text, &problem);
+        let remedy = format!("`deepct config {verb}` prints all settings");
+        Error::file(path, "settings", problem, remedy)
+    })
 }
 
 /// Whether a top-level key belongs to the scene illumination.

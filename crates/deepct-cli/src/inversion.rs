@@ -57,6 +57,7 @@ impl Flags {
         let (settings, mut values): (InvertSettings, Values) =
             self.settings.resolve_with_light(defaults::INVERT)?;
         settings.inversion.check()?;
+        settings.solver.check()?;
         values.extend(self.light.values(&[])?);
         Ok((settings, values))
     }
@@ -83,6 +84,14 @@ pub(crate) struct SolverSettings {
 }
 
 impl SolverSettings {
+    /// Checks the settings of both solvers before anything is computed.
+    fn check(&self) -> Result<()> {
+        let steps =
+            OrdinatesSettings { zenith_angles: self.step_zenith_angles, ..self.ordinates() };
+        steps.check()?;
+        self.ordinates().check()
+    }
+
     fn ordinates(&self) -> OrdinatesSettings {
         OrdinatesSettings {
             zenith_angles: self.zenith_angles,
@@ -209,13 +218,10 @@ impl Job<'_> {
         if mask.grid.matches(&self.grid) {
             return Ok(mask);
         }
-        let text = |grid: &Grid| {
-            format!("{:?} voxels of {} km from {} km", grid.shape, grid.spacing, grid.origin)
-        };
         Err(Error::mismatch(
             format!("{}: grid of the mask", path.display()),
-            text(&self.grid),
-            text(&mask.grid),
+            self.grid,
+            mask.grid,
             "carve a mask on the grid of the estimate, or omit --mask",
         ))
     }

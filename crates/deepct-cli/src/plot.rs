@@ -31,6 +31,7 @@ enum Content {
 }
 
 pub(crate) fn run(args: &Args) -> Result<Outcome> {
+    deepct_core::files::check_output(&args.out)?;
     if args.out.extension().is_none_or(|extension| !extension.eq_ignore_ascii_case("png")) {
         let range = "the name of a PNG file, ending in .png";
         return Err(Error::out_of_range("--out", args.out.display(), range));

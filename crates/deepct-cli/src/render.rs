@@ -105,7 +105,9 @@ const MOST_SAMPLES: u32 = 1 << 24;
 
 pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let light = args.light.describe(&args.set)?;
-    check_output(&args.out, &[&args.cloud])?;
+    for out in [Some(&args.out), args.exr.as_ref(), args.png.as_ref()].into_iter().flatten() {
+        check_output(out, &[&args.cloud])?;
+    }
     args.check_solver()?;
     args.ordinates()?;
     if matches!(args.solver, Method::Ordinates) {

@@ -2,7 +2,7 @@
 
 use crate::error::{Error, Result};
 use serde::de::DeserializeOwned;
-use std::io::Read;
+use std::io::{ErrorKind, Read};
 use std::path::Path;
 #[cfg(any(feature = "files", feature = "plot"))]
 use std::path::PathBuf;
@@ -16,7 +16,10 @@ const MAX_TEXT_BYTES: u64 = 1 << 28;
 /// # Errors
 /// A path that does not exist, or is not a file.
 pub(crate) fn check_regular(path: &Path) -> Result<()> {
-    let kind = std::fs::metadata(path).map_err(Error::io(path))?;
+    let kind = std::fs::metadata(path).map_err(|problem| match problem.kind() {
+        ErrorKind::NotFound => Error::file(path, "file", "does not exist", "check the path"),
+        _ => Error::io(path)(problem),
+    })?;
     if kind.is_file() {
         return Ok(());
     }
@@ -56,8 +59,18 @@ pub fn read_text(path: &Path) -> Result<String> {
 /// A file that cannot be read or is not valid TOML; an unknown or missing key, a value of a wrong
 /// type.
 pub(crate) fn read_toml<T: DeserializeOwned>(path: &Path, what: &str, remedy: &str) -> Result<T> {
-    toml::from_str(&read_text(path)?)
-        .map_err(|problem| Error::file(path, what, problem.message().replace('\n', " "), remedy))
+    let text = read_text(path)?;
+    toml::from_str(&text)
+        .map_err(|problem| Error::file(path, what, toml_problem(&text, &problem), remedy))
+}
+
+/// A problem of a TOML text on one line, with the number of the line where it occurs.
+pub fn toml_problem(text: &str, problem: &toml::de::Error) -> String {
+    let message = problem.message().replace('\n', " ");
+    match problem.span().and_then(|span| text.get(..span.start)) {
+        Some(before) => format!("line {}: {message}", before.matches('\n').count() + 1),
+        None => message,
+    }
 }
 
 /// An output that is written under a temporary name in the same folder and renamed when it is
@@ -118,7 +131,7 @@ impl Output {
     pub(crate) fn finish_if_new(self) -> Result<()> {
         let Self { temporary, path } = self;
         match temporary.persist_noclobber(&path) {
-            Err(problem) if problem.error.kind() != std::io::ErrorKind::AlreadyExists => {
+            Err(problem) if problem.error.kind() != ErrorKind::AlreadyExists => {
                 Err(Error::io(&path)(problem.error))
             }
             _ => Ok(()),
@@ -135,18 +148,26 @@ fn output_file(path: &Path) -> Result<PathBuf> {
             path.canonicalize().map_err(Error::io(path))
         }
         // A link to a file that does not exist yet.
-        Err(_) => match std::fs::read_link(path) {
-            Ok(target) => Ok(path.parent().unwrap_or(Path::new("")).join(target)),
-            Err(_) => Ok(path.into()),
-        },
+        Err(_) => {
+            let folder = path.parent().filter(|folder| *folder != Path::new(""));
+            if let Some(folder) = folder.filter(|folder| !folder.is_dir()) {
+                let problem =
+                    format!("is to be in the folder {}, which does not exist", folder.display());
+                return Err(Error::file(path, "output", problem, "create the folder"));
+            }
+            match std::fs::read_link(path) {
+                Ok(target) => Ok(path.parent().unwrap_or(Path::new("")).join(target)),
+                Err(_) => Ok(path.into()),
+            }
+        }
     }
 }
 
 /// Returns an error if a command cannot write its output to `path`: a folder, a device or a pipe,
-/// which a file would replace.
+/// which a file would replace, or a path in a folder that does not exist.
 ///
 /// # Errors
-/// A path that exists and is not a regular file.
+/// A path that exists and is not a regular file, or whose folder does not exist.
 #[cfg(any(feature = "files", feature = "plot"))]
 pub fn check_output(path: &Path) -> Result<()> {
     output_file(path).map(|_| ())

@@ -23,6 +23,16 @@ pub struct Grid {
     pub shape: [usize; 3],
 }
 
+impl std::fmt::Display for Grid {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Self { origin, spacing, shape } = self;
+        let [x, y, z] = spacing.to_array();
+        let [west, south, bottom] = origin.to_array();
+        write!(formatter, "{shape:?} voxels [z, y, x] of {x:.6} x {y:.6} x {z:.6} km from ")?;
+        write!(formatter, "x {west:.6}, y {south:.6}, z {bottom:.6} km")
+    }
+}
+
 impl Grid {
     /// Creates a grid from its corner (km), voxel size (km) and shape `[nz, ny, nx]`.
     ///

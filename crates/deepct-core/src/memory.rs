@@ -54,11 +54,19 @@ pub(crate) fn check(what: &'static str, count: f64, each: f64) -> Result<()> {
         return Ok(());
     }
     let range = format!(
-        "at most {:.3} GB, the limit of this process (`--max-memory`, by default three quarters of \
+        "at most {}, the limit of this process (`--max-memory`, by default three quarters of \
          the memory of the machine)",
-        limit as f64 / 1e9
+        size(limit as f64)
     );
-    Err(Error::out_of_range(what, format!("{:.3e} GB", bytes / 1e9), range))
+    Err(Error::out_of_range(what, size(bytes), range))
+}
+
+/// A number of bytes in words.
+fn size(bytes: f64) -> String {
+    match bytes / 1e9 {
+        large if large >= 1e5 => format!("{large:.1e} GB"),
+        size => format!("{size:.1} GB"),
+    }
 }
 
 #[cfg(test)]
@@ -70,7 +78,7 @@ mod tests {
     fn sizes_above_the_limit_are_refused() {
         check("memory for a test", 1e3, 8.0).unwrap();
         let message = check("memory for a test", 1e15, 1.0).unwrap_err().to_string();
-        assert!(message.starts_with("memory for a test is 1.000e6 GB, but must be"), "{message}");
+        assert!(message.starts_with("memory for a test is 1.0e6 GB, but must be"), "{message}");
         assert!(message.contains("--max-memory"), "{message}");
         assert!(limit() > 100_000_000);
     }

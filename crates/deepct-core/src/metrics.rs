@@ -221,13 +221,10 @@ fn check_grids(truth: &Grid, estimate: &Grid) -> Result<()> {
     if truth.matches(estimate) {
         return Ok(());
     }
-    let words = |grid: &Grid| {
-        format!("[z, y, x] {:?}, voxels of {} km from {} km", grid.shape, grid.spacing, grid.origin)
-    };
     Err(Error::mismatch(
         "grids of truth and estimate",
-        words(truth),
-        words(estimate),
+        truth,
+        estimate,
         "bring both to one grid before they are compared",
     ))
 }

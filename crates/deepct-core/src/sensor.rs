@@ -234,9 +234,14 @@ pub fn sense(images: &ViewStack, sensor: &Sensor, scale: Scale, seed: u64) -> Re
 
 fn electrons_per_radiance(images: &ViewStack, sensor: &Sensor, scale: Scale) -> Result<f64> {
     match scale {
-        Scale::ElectronsPerRadiance(factor) if factor.is_finite() && factor > 0.0 => Ok(factor),
         Scale::ElectronsPerRadiance(factor) => {
-            Err(Error::out_of_range("scale", factor, "positive and finite (electrons sr)"))
+            // The largest radiance that the sensor can record.
+            let most = sensor.full_well / factor;
+            if factor.is_finite() && most > f64::from(f32::MIN_POSITIVE) && most.is_finite() {
+                return Ok(factor);
+            }
+            let range = "positive (electrons sr), with a full well that is a radiance";
+            Err(Error::out_of_range("scale", format!("{factor:e}"), range))
         }
         Scale::BrightestAtFullWell => {
             let brightest = f64::from(images.brightest());

@@ -22,7 +22,7 @@ fn table() -> Vec<(String, Vec<String>)> {
 }
 
 /// The modules that every module may import.
-const BASE: [&str; 2] = ["error", "math"];
+const BASE: [&str; 4] = ["error", "math", "memory", "stop"];
 
 fn sources() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("src")

@@ -23,7 +23,7 @@ impl<'py> Floats<'py> {
     /// `TypeError` if `object` does not hold real numbers; `ValueError` if it does not have three
     /// axes, or if it is an xarray object with these axes in another order.
     pub(crate) fn new(object: &Bound<'py, PyAny>, name: &str, axes: [&str; 3]) -> PyResult<Self> {
-        let array = numbers(object, name, axes, "fiub")?;
+        let array = numbers(object, name, axes, "fiu")?;
         let array = array.call_method1("astype", ("float32", "C", "unsafe", true, false))?;
         Ok(Self(array.cast_into::<PyArray3<f32>>()?.try_readonly()?))
     }
@@ -59,6 +59,13 @@ fn numbers<'py>(
     kinds: &str,
 ) -> PyResult<Bound<'py, PyAny>> {
     check_names(object, name, axes)?;
+    let masked = object.py().import("numpy")?.getattr("ma")?;
+    if masked.call_method1("is_masked", (object,))?.extract()? {
+        return Err(PyValueError::new_err(format!(
+            "{name} is a masked array with masked values, which would be read as if they were \
+             valid: fill them, for example with {name}.filled(0)"
+        )));
+    }
     let array = object.py().import("numpy")?.call_method1("asarray", (object,))?;
     let dtype = array.getattr("dtype")?;
     if !kinds.contains(&dtype.getattr("kind")?.extract::<String>()?) {

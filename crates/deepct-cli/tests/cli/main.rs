@@ -12,4 +12,6 @@ mod program;
 mod render;
 mod score;
 mod sense;
+mod stopped;
 mod validate;
+mod wrong;

@@ -35,16 +35,21 @@ impl Program {
         names
     }
 
-    /// Runs the program with the arguments of a command line, separated by whitespace.
-    pub(crate) fn run(&self, arguments: &str) -> Run {
-        let output: Output = Command::new(Path::new(env!("CARGO_BIN_EXE_deepct")))
+    /// The program with the arguments of a command line, separated by whitespace.
+    pub(crate) fn command(&self, arguments: &str) -> Command {
+        let mut command = Command::new(Path::new(env!("CARGO_BIN_EXE_deepct")));
+        command
             .args(arguments.split_whitespace())
             .current_dir(self.folder.path())
             // HDF5 locks the files that it writes. A program started by one test inherits the
             // lock of a file that another test is writing, and would not release it.
-            .env("HDF5_USE_FILE_LOCKING", "FALSE")
-            .output()
-            .unwrap();
+            .env("HDF5_USE_FILE_LOCKING", "FALSE");
+        command
+    }
+
+    /// Runs the program with the arguments of a command line, separated by whitespace.
+    pub(crate) fn run(&self, arguments: &str) -> Run {
+        let output: Output = self.command(arguments).output().unwrap();
         Run {
             code: output.status.code().unwrap(),
             stdout: String::from_utf8(output.stdout).unwrap(),

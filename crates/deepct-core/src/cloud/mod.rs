@@ -125,6 +125,20 @@ impl Cloud {
     ) -> Result<Self> {
         let cloud = Self::from_extinction(extinction)?;
         cloud.grid.check_shape("the effective radius", effective_radius.shape())?;
+        let extinctions = cloud.extinction.iter().flatten();
+        let unknown =
+            extinctions.zip(effective_radius.indexed_iter()).find(|(extinction, radius)| {
+                **extinction > 0.0 && !(radius.1.is_finite() && *radius.1 > 0.0)
+            });
+        if let Some((extinction, ((k, j, i), radius))) = unknown {
+            return Err(Error::out_of_range(
+                "effective radius",
+                format!(
+                    "{radius} at voxel [z {k}, y {j}, x {i}], where the extinction is {extinction}"
+                ),
+                "positive (um) where there is extinction",
+            ));
+        }
         let droplets = Microphysics {
             liquid_water_content: cloud.extinction.as_ref().expect("just given")
                 * &effective_radius

@@ -168,6 +168,9 @@ impl DatasetSettings {
     /// Check that the values are in range, that the formation is known, and that the files of the
     /// simulations can be opened.
     pub(super) fn check(&self, simulations: &Path) -> Result<()> {
+        if self.sources.is_empty() {
+            return Err(Error::out_of_range("number of [[sources]]", 0, "at least 1"));
+        }
         for source in &self.sources {
             let path = simulations.join(&source.file);
             files::check_regular(&path)?;

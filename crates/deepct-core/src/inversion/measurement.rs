@@ -31,7 +31,14 @@ impl Measurement {
         let relative = |share: f64| images.values.mapv(|radiance| share * f64::from(radiance));
         let noise = match &observation.standard_error {
             None => relative(settings.relative_noise),
-            Some(noise) if noise.shape() == images.shape() => noise.values.mapv(f64::from),
+            Some(noise) if noise.shape() == images.shape() => {
+                let negative = noise.values.indexed_iter().find(|(_, error)| **error < 0.0);
+                if let Some(((view, row, col), error)) = negative {
+                    let value = format!("{error} at [view {view}, row {row}, col {col}]");
+                    return Err(Error::out_of_range("standard error", value, "0 or more (1/sr)"));
+                }
+                noise.values.mapv(f64::from)
+            }
             Some(noise) => {
                 return Err(Error::mismatch(
                     "shape [view, row, col] of the standard error",

@@ -161,6 +161,11 @@ impl<'a> Run<'a> {
         }
         let measurement =
             Measurement::new(observation, settings)?.of_mask(mask, &observation.views);
+        if !measurement.counted().iter().any(|counted| *counted) {
+            let range =
+                "at least 1: no image shows a voxel of the mask; check grid, mask and views";
+            return Err(Error::out_of_range("number of pixels that show the mask", 0, range));
+        }
         let expected = match start {
             Start::Estimate(estimate) => {
                 let Estimate { extinction, uncertainty } = &**estimate;
@@ -427,11 +432,8 @@ fn check_grid(what: &str, expected: &Grid, found: &Grid) -> Result<()> {
     if expected.matches(found) {
         return Ok(());
     }
-    let words = |grid: &Grid| {
-        format!("{:?} voxels of {} km from {} km", grid.shape, grid.spacing, grid.origin)
-    };
     let remedy = "give all volumes on the grid of the mask";
-    Err(Error::mismatch(what, words(expected), words(found), remedy))
+    Err(Error::mismatch(what, expected, found, remedy))
 }
 
 #[cfg(test)]

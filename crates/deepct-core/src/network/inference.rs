@@ -147,7 +147,7 @@ impl Network {
             && !resampler.shows(field, [rows, cols])
         {
             let range = "in the images: no view shows any of its columns";
-            return Err(Error::out_of_range("grid of the estimate", format!("{grid:?}"), range));
+            return Err(Error::out_of_range("grid of the estimate", grid, range));
         }
         self.run_on(radiance, [rows, cols], field, output, &mut scratch)?;
         let uncertainty = match self.metadata.outputs.contains(&NetworkOutput::Uncertainty) {

@@ -108,7 +108,7 @@ impl ViewList {
 
     fn parse(text: &str) -> std::result::Result<Self, String> {
         let file: ViewFile =
-            toml::from_str(text).map_err(|problem| problem.message().replace('\n', " "))?;
+            toml::from_str(text).map_err(|problem| files::toml_problem(text, &problem))?;
         let cameras = match (file.string_of_pearls, file.view.is_empty()) {
             (Some(pearls), true) => Cameras::Formation(pearls.formation()?),
             (None, false) => Cameras::Single(file.view),

@@ -54,8 +54,8 @@ impl MonteCarloSettings {
             ));
         }
         match self.noise {
-            Some(noise) if !(noise.is_finite() && noise > 0.0) => {
-                Err(Error::out_of_range("noise", noise, "positive, such as 0.01 for 1 %"))
+            Some(noise) if !(noise > 0.0 && noise < 1.0) => {
+                Err(Error::out_of_range("noise", noise, "from 0 to 1, such as 0.01 for 1 %"))
             }
             _ => Ok(()),
         }
@@ -183,7 +183,7 @@ pub(super) fn render(
     let (mut count, mut round, mut interrupted) = (film.next_round(settings), 0, false);
     while count > 0 && !interrupted {
         let draw = |pixel: usize| {
-            if round > 0 && watch.interrupted() {
+            if watch.interrupted() {
                 return None;
             }
             let (view, within) = (pixel / pixels_per_view, pixel % pixels_per_view);
@@ -198,6 +198,9 @@ pub(super) fn render(
         // An interrupted round is discarded, because its pixels would differ in their uncertainty.
         let pixels = (0..film.sums.len()).into_par_iter();
         let Some(drawn) = pixels.map(draw).collect::<Option<Vec<_>>>() else {
+            if round == 0 {
+                return Err(Error::Interrupted);
+            }
             interrupted = true;
             break;
         };

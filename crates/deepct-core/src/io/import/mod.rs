@@ -92,9 +92,7 @@ pub fn import_cloud(
     settings: &ImportSettings,
 ) -> Result<(Cloud, Vec<String>)> {
     let path = path.as_ref();
-    if !path.is_file() {
-        return Err(Error::file(path, "file", "does not exist", "check the path"));
-    }
+    crate::files::check_regular(path)?;
     let mut start = [0; 4];
     let read = std::fs::File::open(path).and_then(|mut file| file.read_exact(&mut start));
     match (read, &start) {
@@ -116,7 +114,10 @@ impl Crop {
         Err(Error::file(
             path,
             "crop",
-            format!("{crop:?} does not fit into {nx} x {ny} columns"),
+            format!(
+                "{} x {} columns from {}, {} do not fit into {nx} x {ny} columns",
+                crop.nx, crop.ny, crop.x0, crop.y0
+            ),
             "choose a corner within the field and at most its size",
         ))
     }

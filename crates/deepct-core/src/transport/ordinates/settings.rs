@@ -84,7 +84,11 @@ impl OrdinatesSettings {
         })
     }
 
-    pub(super) fn check(&self) -> Result<()> {
+    /// Checks that all values are in range.
+    ///
+    /// # Errors
+    /// The first value that is out of range.
+    pub fn check(&self) -> Result<()> {
         if !(4..=32).contains(&self.zenith_angles) || !self.zenith_angles.is_multiple_of(4) {
             return Err(Error::out_of_range(
                 "zenith angles of the ordinates",
