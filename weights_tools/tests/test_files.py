@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 import xarray
 
+from weights_tools.checkpoint import write_whole
+
 DEEPCT = os.environ.get("DEEPCT") or shutil.which("deepct")
 ENGINES = ("h5netcdf", "netcdf4")
 FIELD = ("z", "y", "x")
@@ -107,3 +109,12 @@ def test_big_endian_numbers_are_understood(folder):
     command = [DEEPCT, "score", "--truth", "cloud.nc", "big.nc", "--json"]
     run = subprocess.run(command, cwd=folder, check=True, capture_output=True, text=True)
     assert json.loads(run.stdout)[0]["relative_error"] < 1e-5
+
+
+def test_a_file_that_is_written_has_the_usual_permissions(tmp_path):
+    path = tmp_path / "file"
+    write_whole(path, b"content")
+    (tmp_path / "other").write_bytes(b"")
+    assert path.read_bytes() == b"content"
+    assert path.stat().st_mode == (tmp_path / "other").stat().st_mode
+    assert sorted(each.name for each in tmp_path.iterdir()) == ["file", "other"]

@@ -10,7 +10,7 @@ use std::path::PathBuf;
 #[non_exhaustive]
 pub enum Error {
     /// An operation of the operating system failed: a missing file, no permission, a full disk.
-    #[error("{}: {source}", path.display())]
+    #[error("{}: {}", path.display(), in_words(source))]
     Io {
         /// The file or folder.
         path: PathBuf,
@@ -54,6 +54,14 @@ pub enum Error {
         /// The action that solves the problem.
         remedy: String,
     },
+}
+
+/// An error of the operating system, with the remedy for the most frequent one.
+fn in_words(source: &std::io::Error) -> String {
+    match source.kind() {
+        std::io::ErrorKind::NotFound => "file: does not exist; check the path".into(),
+        _ => source.to_string(),
+    }
 }
 
 /// A result with the library's [`enum@Error`].

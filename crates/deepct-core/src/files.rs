@@ -2,7 +2,7 @@
 
 use crate::error::{Error, Result};
 use serde::de::DeserializeOwned;
-use std::io::{ErrorKind, Read};
+use std::io::Read;
 use std::path::Path;
 #[cfg(any(feature = "files", feature = "plot"))]
 use std::path::PathBuf;
@@ -16,10 +16,7 @@ const MAX_TEXT_BYTES: u64 = 1 << 28;
 /// # Errors
 /// A path that does not exist, or is not a file.
 pub(crate) fn check_regular(path: &Path) -> Result<()> {
-    let kind = std::fs::metadata(path).map_err(|problem| match problem.kind() {
-        ErrorKind::NotFound => Error::file(path, "file", "does not exist", "check the path"),
-        _ => Error::io(path)(problem),
-    })?;
+    let kind = std::fs::metadata(path).map_err(Error::io(path))?;
     if kind.is_file() {
         return Ok(());
     }
@@ -131,7 +128,7 @@ impl Output {
     pub(crate) fn finish_if_new(self) -> Result<()> {
         let Self { temporary, path } = self;
         match temporary.persist_noclobber(&path) {
-            Err(problem) if problem.error.kind() != ErrorKind::AlreadyExists => {
+            Err(problem) if problem.error.kind() != std::io::ErrorKind::AlreadyExists => {
                 Err(Error::io(&path)(problem.error))
             }
             _ => Ok(()),

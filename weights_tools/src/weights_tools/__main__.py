@@ -64,7 +64,7 @@ def _parser() -> argparse.ArgumentParser:
     train.add_argument("--out", type=Path, required=True, help="folder of checkpoints and curves")
     train.add_argument("--start", type=Path, help="checkpoint with the initial parameters")
     train.add_argument("--minutes", type=_positive, help="maximum total duration of the training")
-    train.add_argument("--threads", type=int, help="CPU threads of each process (default: all)")
+    train.add_argument("--threads", type=_count, help="CPU threads of each process (default: all)")
     general = train.add_argument_group("general networks")
     general.add_argument(
         "--further", type=_positive, metavar="MINUTES", help="duration in addition to that so far"

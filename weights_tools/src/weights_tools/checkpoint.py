@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import os
 import pickle
+import tempfile
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import torch
 from torch import Tensor
@@ -15,25 +17,34 @@ from weights_tools.errors import InputError
 
 def write_whole(path: Path, content: bytes) -> None:
     """Write a file atomically: under a temporary name in its folder, which is then renamed."""
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        with open(temporary, "wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(temporary, path)
-    finally:
-        temporary.unlink(missing_ok=True)
+    _write(path, lambda file: file.write(content))
 
 
 def save_checkpoint(path: Path, checkpoint: dict[str, Any]) -> None:
     """Write a checkpoint of tensors and plain values atomically."""
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    _write(path, lambda file: torch.save(checkpoint, file))
+
+
+def _write(path: Path, contents: Callable[[BinaryIO], object]) -> None:
+    # A new file with a random name: nobody else can have prepared a link of this name.
+    number, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".tmp")
+    temporary = Path(name)
     try:
-        torch.save(checkpoint, temporary)
+        with os.fdopen(number, "wb") as file:
+            contents(file)
+            file.flush()
+            os.fsync(file.fileno())
+        temporary.chmod(0o666 & ~_mask())
         os.replace(temporary, path)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def _mask() -> int:
+    """The bits of the permissions that this process removes from new files."""
+    mask = os.umask(0o022)
+    os.umask(mask)
+    return mask
 
 
 def load_checkpoint(path: str | Path) -> dict[str, Any]:

@@ -202,6 +202,10 @@ def _check(recipe: GeneralRecipe, path: Path) -> None:
         ("training.cropped", 0.0 <= training.cropped <= 1.0, "0 to 1"),
         ("training.report_minutes", training.report_minutes > 0.0, "positive"),
         ("network.levels", recipe.network.levels == 32, "32"),
+        ("network.virtual_views", 1 <= recipe.network.virtual_views <= 256, "1 to 256"),
+        ("network.planes", 1 <= recipe.network.planes <= 64, "1 to 64"),
+        ("network.width", 1 <= recipe.network.width <= 4096, "1 to 4096"),
+        ("network.layers", 2 <= recipe.network.layers <= 64, "2 to 64"),
     ]
     for index, each in enumerate(recipe.simulations):
         few, many = each.droplets_per_cm3

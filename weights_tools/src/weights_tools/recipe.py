@@ -229,9 +229,9 @@ def check_limits(limits: Iterable[tuple[str, bool, str]], path: Path) -> None:
 def _check(recipe: Recipe, path: Path) -> None:
     training, loss = recipe.training, recipe.loss
     limits = (
-        ("network.layers", recipe.network.layers >= 1, "at least 1"),
-        ("network.width", recipe.network.width >= 0, "0 or more"),
-        ("network.planes", recipe.network.planes >= 0, "0 or more"),
+        ("network.layers", 1 <= recipe.network.layers <= 256, "1 to 256"),
+        ("network.width", 0 <= recipe.network.width <= 4096, "0 to 4096"),
+        ("network.planes", 0 <= recipe.network.planes <= 64, "0 to 64"),
         ("scaling.input_scale", recipe.scaling.input_scale > 0.0, "positive"),
         ("scaling.output_scale", recipe.scaling.output_scale > 0.0, "positive"),
         ("training.epochs", training.epochs >= 1, "at least 1"),

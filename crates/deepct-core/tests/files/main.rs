@@ -4,6 +4,7 @@
 
 #![cfg(feature = "files")]
 
+mod foreign;
 mod import;
 mod own;
 mod values;

@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 const DEEPEST: usize = 16;
 
 /// Time that any part of a file may take to be read, and the lowest rate of its values.
-const SLOWEST: Duration = Duration::from_secs(60);
+const SLOWEST: Duration = Duration::from_secs(20);
 const SLOWEST_BYTES_PER_S: f64 = 1e6;
 
 /// Whether files may refer to other files.
@@ -126,10 +126,10 @@ mod tests {
     fn reading_that_does_not_end_is_noticed() {
         let reading = Reading::start(Path::new("slow.nc"), 3e6);
         let after = |seconds: f64| endless_at(Instant::now() + Duration::from_secs_f64(seconds));
-        assert!(after(62.0).is_none());
-        let message = after(64.0).unwrap().to_string();
+        assert!(after(22.0).is_none());
+        let message = after(24.0).unwrap().to_string();
         assert!(message.starts_with("slow.nc: file: cannot be read"), "{message}");
         drop(reading);
-        assert!(after(64.0).is_none());
+        assert!(after(24.0).is_none());
     }
 }
