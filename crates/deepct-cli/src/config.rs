@@ -36,7 +36,7 @@ pub(crate) struct Settings {
 pub(crate) fn run(args: &Args) -> Result<Outcome> {
     let mut all = defaults::ALL.iter();
     let (_, text) = all.find(|(verb, _)| *verb == args.verb).expect("clap accepts no other verb");
-    crate::print::raw(&text);
+    crate::print::raw(text);
     Ok(Outcome::Success)
 }
 

@@ -175,7 +175,7 @@ fn a_wanted_noise_is_reached() {
     assert!(printed.contains(&format!("noise      {:.2} % of bright pixels", 100.0 * noise)));
     // Fewer paths than a round has, and a noise that they do not reach.
     program.succeed("render C.nc --views cloudct-10 --samples 8 --noise 0.001 --out few.nc");
-    program.refuse("render C.nc --views cloudct-10 --noise 0 --out I.nc", &["noise", "positive"]);
+    program.refuse("render C.nc --views cloudct-10 --noise 0 --out I.nc", &["noise", "above 0"]);
 }
 
 #[test]

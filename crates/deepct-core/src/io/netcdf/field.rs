@@ -135,7 +135,7 @@ fn checked_cloud(path: &Path, checks: &mut Checks) -> Result<Cloud> {
 /// Write a volume as `extinction` (km-1) on `(z, y, x)`.
 ///
 /// # Errors
-/// Returns an error if the file cannot be written.
+/// Returns an error if an extinction is negative or not finite, or if the file cannot be written.
 pub fn write_volume(
     path: impl AsRef<Path>,
     volume: &Volume,
@@ -150,7 +150,7 @@ pub fn write_volume(
 /// `(z, y, x)`, and the scene illumination of the images.
 ///
 /// # Errors
-/// Returns an error if the file cannot be written.
+/// Returns an error if an extinction is negative or not finite, or if the file cannot be written.
 pub fn write_estimate(
     path: impl AsRef<Path>,
     estimate: &Estimate,
@@ -168,6 +168,8 @@ pub fn write_estimate(
 
 /// Add a volume to a file that is being written.
 pub(super) fn put_volume(output: &mut Output, volume: &Volume) -> Result<()> {
+    // The readers refuse what is not an extinction; some networks may estimate such values.
+    volume.check_non_negative("extinction")?;
     write_axes(output, &volume.grid)?;
     output.variable("extinction", &AXES, &volume.values, EXTINCTION)
 }
