@@ -92,6 +92,9 @@ pub fn import_cloud(
     settings: &ImportSettings,
 ) -> Result<(Cloud, Vec<String>)> {
     let path = path.as_ref();
+    if !path.exists() {
+        return Err(Error::file(path, "file", "does not exist", "check the path"));
+    }
     crate::files::check_regular(path)?;
     let mut start = [0; 4];
     let read = std::fs::File::open(path).and_then(|mut file| file.read_exact(&mut start));
