@@ -54,6 +54,9 @@ fn recipes_that_ship_are_valid() {
     let program = Program::new();
     for name in ["bomex", "bomex-fields", "paper-main", "paper-auxiliary"] {
         let recipe = format!("{}/../../recipes/{name}.toml", env!("CARGO_MANIFEST_DIR"));
-        program.refuse(&format!("dataset plan {recipe} --out none"), &["bomex_", ".nc: file: does not exist"]);
+        program.refuse(
+            &format!("dataset plan {recipe} --out none"),
+            &["bomex_", ".nc: file: does not exist"],
+        );
     }
 }

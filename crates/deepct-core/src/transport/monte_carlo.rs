@@ -54,9 +54,11 @@ impl MonteCarloSettings {
             ));
         }
         match self.noise {
-            Some(noise) if !(noise > 0.0 && noise < 1.0) => {
-                Err(Error::out_of_range("noise", noise, "above 0 and below 1, such as 0.01 for 1 %"))
-            }
+            Some(noise) if !(noise > 0.0 && noise < 1.0) => Err(Error::out_of_range(
+                "noise",
+                noise,
+                "above 0 and below 1, such as 0.01 for 1 %",
+            )),
             _ => Ok(()),
         }
     }
