@@ -10,13 +10,14 @@ use deepct_core::optics::{
 use deepct_core::rng::{Purpose, RngExt, stream};
 use deepct_core::scene::{Boundary, Formation, Scene, Sun, Surface, View, Waves};
 use deepct_core::transport::{
-    FluxSettings, MonteCarloSettings, Radiance, Rendering, Share, Solver, Watch, fluxes, radiances,
-    render,
+    FluxSettings, MonteCarloSettings, Progress, Radiance, Rendering, Share, Solver, Watch, fluxes,
+    radiances, render,
 };
 use deepct_core::validation::{Effort, Suite, validate};
 use ndarray::Array3;
 use std::f64::consts::PI;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 fn suite_holds(suite: Suite, samples: u32) {
     let mut rows = Vec::new();
@@ -322,8 +323,21 @@ fn a_bare_sea_mirrors_the_sun() {
 
 #[test]
 fn a_wanted_noise_is_reached_and_a_stop_is_heard() {
-    struct Impatient;
+    /// Stops as soon as there are images.
+    #[derive(Default)]
+    struct Impatient(AtomicBool);
     impl Watch for Impatient {
+        fn reached(&self, _: &Progress) {
+            self.0.store(true, Ordering::Relaxed);
+        }
+
+        fn interrupted(&self) -> bool {
+            self.0.load(Ordering::Relaxed)
+        }
+    }
+    /// Stops before that.
+    struct Stopped;
+    impl Watch for Stopped {
         fn interrupted(&self) -> bool {
             true
         }
@@ -347,9 +361,12 @@ fn a_wanted_noise_is_reached_and_a_stop_is_heard() {
         let square = ratios.iter().map(|ratio| ratio * ratio).sum::<f32>() / ratios.len() as f32;
         assert!(square.sqrt() < 0.08, "view {view}: {ratios:?}");
     }
-    let stopped = render(&scene, &views, &Solver::MonteCarlo(settings), &Impatient).unwrap();
+    let solver = Solver::MonteCarlo(settings);
+    let stopped = render(&scene, &views, &solver, &Impatient::default()).unwrap();
     assert!(stopped.interrupted && stopped.samples_per_pixel < found.samples_per_pixel);
     assert!(stopped.images.brightest() > 0.01);
+    let nothing = render(&scene, &views, &solver, &Stopped);
+    assert!(matches!(nothing, Err(deepct_core::Error::Interrupted)));
 }
 
 #[test]
