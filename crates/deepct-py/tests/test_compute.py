@@ -20,8 +20,16 @@ def scene():
     return cloud, views, rendering
 
 
+@pytest.fixture
+def keyboard():
+    """The usual handler of Ctrl-C, which processes in the background lack."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
 @pytest.mark.parametrize("what", ["invert", "render"])
-def test_ctrl_c_ends_a_computation(scene, what):
+def test_ctrl_c_ends_a_computation(scene, what, keyboard):
     cloud, views, rendering = scene
     press = threading.Timer(0.5, lambda: os.kill(os.getpid(), signal.SIGINT))
     press.start()
