@@ -68,4 +68,8 @@ part "Python: tests of deepct_py"
 part "Python: tests of weights_tools"
 .venv/bin/python -m pytest weights_tools
 
+part "User guide: build, and run its commands"
+.venv/bin/python docs/guide/build.py "$target/release/deepct" --out "$target/guide"
+.venv/bin/python docs/guide/run_commands.py "$target/release"
+
 part "all tests passed"

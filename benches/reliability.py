@@ -33,6 +33,8 @@ import numpy as np
 
 HANGING_S = 60.0
 """Duration after which a command on a damaged file is said to hang."""
+LONG_S = 15.0
+"""Duration above which a refusal is that of a file whose reading did not end by itself."""
 
 
 def run(program: Path, arguments: str, folder: Path) -> None:
@@ -95,15 +97,18 @@ def mutate(arguments: argparse.Namespace, folder: Path) -> None:
         (folder / command.split()[-1 if "weights" in command else -3]).write_bytes(content)
         process = subprocess.Popen([arguments.program, *command.split()], cwd=folder,
                                    stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+        begun = time.monotonic()
         try:
             process.communicate(timeout=HANGING_S)
             ending = {0: "read", 2: "refused"}.get(process.returncode, f"{process.returncode}")
+            if time.monotonic() - begun > LONG_S:
+                ending += " after a long time"
         except subprocess.TimeoutExpired:
             process.kill()
             process.communicate()
             ending = "hangs"
         endings[ending] += 1
-        if ending not in ("read", "refused"):
+        if not ending.startswith(("read", "refused")):
             place = folder / f"{ending}-{endings.total()}"
             place.write_bytes(content)
             print(f"{command}: {ending}, see {place}", flush=True)

@@ -34,12 +34,12 @@ pub fn limit() -> u64 {
 
 /// The memory that this process can use (bytes): that of the machine, or of its control group.
 fn of_machine() -> Option<u64> {
-    let number = |path: &str| -> Option<String> { std::fs::read_to_string(path).ok() };
-    let machine = number("/proc/meminfo")?
+    let text = |path: &str| std::fs::read_to_string(path).ok();
+    let machine = text("/proc/meminfo")?
         .lines()
         .find_map(|line| line.strip_prefix("MemTotal:")?.trim().strip_suffix(" kB")?.parse().ok())
         .map(|kilobytes: u64| 1024 * kilobytes)?;
-    let group = number("/sys/fs/cgroup/memory.max").and_then(|text| text.trim().parse().ok());
+    let group = text("/sys/fs/cgroup/memory.max").and_then(|text| text.trim().parse().ok());
     Some(group.map_or(machine, |group: u64| machine.min(group)))
 }
 

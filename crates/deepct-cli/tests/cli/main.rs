@@ -12,6 +12,8 @@ mod program;
 mod render;
 mod score;
 mod sense;
+// Signals and links.
+#[cfg(unix)]
 mod stopped;
 mod validate;
 mod wrong;

@@ -4,6 +4,7 @@
 
 use crate::program::Program;
 use std::fs::write;
+use std::path::Path;
 use std::time::{Duration, Instant};
 
 /// Upper limit of the duration of a command; a busy machine may need some seconds to start it.
@@ -292,6 +293,11 @@ fn wrong_inputs_are_refused_in_one_message() {
     let before = program.files();
     let mut faults = Vec::new();
     for (arguments, word) in WRONG {
+        // Not all systems have all devices.
+        let mut devices = arguments.split(' ').filter(|part| part.starts_with("/dev/"));
+        if devices.any(|device| !Path::new(device).exists()) {
+            continue;
+        }
         let start = Instant::now();
         let run = program.run(arguments);
         let usage = run.stderr.starts_with("error: ");
