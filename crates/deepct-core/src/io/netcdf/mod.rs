@@ -1,6 +1,7 @@
 //! The file formats of deepct: HDF5 files that are also netCDF-4 with CF attributes.
 
 mod axis;
+mod coding;
 mod dimension;
 mod field;
 mod guard;

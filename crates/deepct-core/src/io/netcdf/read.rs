@@ -1,14 +1,13 @@
 //! Reading of netCDF-4 and HDF5 files. The size, dimensions and data type of every variable are
 //! checked before its values are read.
 
+use super::coding::Coding;
 use super::guard::{self, Reading};
 use super::{MAX_VALUES, dimension};
 use crate::error::{Error, Result};
 use crate::io::units::Unit;
 use crate::memory;
-use hdf5::types::{
-    FixedAscii, FixedUnicode, FloatSize, TypeDescriptor, VarLenAscii, VarLenUnicode,
-};
+use hdf5::types::{FixedAscii, FixedUnicode, TypeDescriptor, VarLenAscii, VarLenUnicode};
 use hdf5::{Dataset, H5Type, Hyperslab, Location, SliceOrIndex};
 use ndarray::{Array3, ArrayD, Ix3};
 use std::collections::BTreeMap;
@@ -17,9 +16,6 @@ use std::path::{Path, PathBuf};
 
 /// Maximum length of a text attribute of fixed length (bytes).
 const LONGEST_TEXT: usize = 4096;
-
-/// The value that the netCDF library assigns to real numbers that were never written.
-const UNWRITTEN: f64 = 9.969_209_968_386_869e36;
 
 /// Ratio of the size of the values to that of the file above which the values cannot have been
 /// written: deflate compresses by at most 1032. Small variables are not checked.
@@ -68,41 +64,6 @@ impl Real for f64 {
     }
     fn to_f64(self) -> f64 {
         self
-    }
-}
-
-/// How the stored numbers of a variable represent its values, according to the attributes of the
-/// netCDF and CF conventions.
-struct Coding {
-    /// The factor and the term of `value = stored * scale + offset`, if the values are packed.
-    packing: Option<(f64, f64)>,
-    /// The number of stored integers, if negative ones represent large unsigned ones.
-    wrap: Option<f64>,
-    /// Stored numbers that represent a missing value.
-    missing: Vec<f64>,
-    /// Unpacked numbers that represent a missing value, and the tolerance of their comparison.
-    unpacked_missing: (Vec<f64>, f64),
-    /// The range of valid numbers, and whether it refers to unpacked ones.
-    valid: (f64, f64, bool),
-}
-
-impl Coding {
-    /// The value that a stored number represents; `None` for a missing value, and NaN for one
-    /// outside the valid range.
-    fn decode(&self, stored: f64) -> Option<f64> {
-        let is = |declared: &f64| *declared == stored || (declared.is_nan() && stored.is_nan());
-        if self.missing.iter().any(is) {
-            return None;
-        }
-        let stored = self.wrap.filter(|_| stored < 0.0).map_or(stored, |wrap| stored + wrap);
-        let value = self.packing.map_or(stored, |(scale, offset)| stored * scale + offset);
-        let (declared, tolerance) = &self.unpacked_missing;
-        if declared.iter().any(|declared| (declared - value).abs() <= *tolerance) {
-            return None;
-        }
-        let (least, most, unpacked) = self.valid;
-        let checked = if unpacked { value } else { stored };
-        Some(if checked < least || checked > most { f64::NAN } else { value })
     }
 }
 
@@ -278,7 +239,7 @@ impl Variable<'_> {
     }
 
     /// The numbers in an attribute, also if they are written as text.
-    fn numbers(&self, name: &str) -> Vec<f64> {
+    pub(super) fn numbers(&self, name: &str) -> Vec<f64> {
         let _reading = self.reading();
         let Ok(attribute) = self.dataset.attr(name) else { return Vec::new() };
         match attribute.dtype().and_then(|kind| kind.to_descriptor()) {
@@ -391,7 +352,7 @@ impl Variable<'_> {
     ) -> Result<ArrayD<T>> {
         self.check_size(ranges)?;
         let kind = self.kind();
-        let coding = self.coding(kind.as_ref().ok());
+        let coding = Coding::of(self, kind.as_ref().ok());
         let value = |stored: f64| {
             T::from_f64(coding.decode(stored).map_or(missing, |value| value * factor))
         };
@@ -457,63 +418,8 @@ impl Variable<'_> {
         }
     }
 
-    fn coding(&self, kind: Option<&TypeDescriptor>) -> Coding {
-        let (scale, offset) = (self.number("scale_factor"), self.number("add_offset"));
-        let packed = scale.is_some() || offset.is_some();
-        let packing = packed.then(|| (scale.unwrap_or(1.0), offset.unwrap_or(0.0)));
-        // Attributes may have another type than the values, so they are rounded to that type.
-        let single = matches!(kind, Some(TypeDescriptor::Float(FloatSize::U4)));
-        let round = |number: f64| if single { f64::from(number as f32) } else { number };
-        let numbers =
-            |name: &str| -> Vec<f64> { self.numbers(name).into_iter().map(round).collect() };
-        let bits = match kind {
-            Some(TypeDescriptor::Integer(size) | TypeDescriptor::Unsigned(size)) => {
-                Some(8 * (*size as i32))
-            }
-            _ => None,
-        };
-        let signed = matches!(kind, Some(TypeDescriptor::Integer(_)));
-        let whole = |number: f64| bits.is_none() || number.fract() == 0.0;
-        let fill = numbers("_FillValue");
-        let mut missing = [fill.clone(), numbers("missing_value")].concat();
-        match bits {
-            None => missing.push(round(UNWRITTEN)),
-            // Bytes have no default, and other integers only if the file states no fill value.
-            Some(bits) if bits > 8 && fill.is_empty() => missing.push(match signed {
-                true => 1.0 - f64::from(bits - 1).exp2(),
-                false => f64::from(bits).exp2() - 1.0,
-            }),
-            Some(_) => {}
-        }
-        let unpacked = missing.iter().copied().filter(|number| !whole(*number)).collect();
-        let range = match numbers("valid_range").as_slice() {
-            [least, most] => vec![*least, *most],
-            _ => Vec::new(),
-        };
-        let bound = |name: &str, index: usize| {
-            numbers(name).first().copied().or_else(|| range.get(index).copied())
-        };
-        let wrap = bits
-            .filter(|_| signed && self.text("_Unsigned").as_deref() == Some("true"))
-            .map(|bits| f64::from(bits).exp2());
-        let wrapped =
-            |number: f64| wrap.filter(|_| number < 0.0).map_or(number, |all| number + all);
-        let least = bound("valid_min", 0).map_or(f64::NEG_INFINITY, wrapped);
-        let most = bound("valid_max", 1).map_or(f64::INFINITY, wrapped);
-        let of_unpacked = packed
-            && bits.is_some()
-            && ["valid_range", "valid_min", "valid_max"].iter().any(|name| self.is_real(name));
-        Coding {
-            packing,
-            wrap,
-            missing,
-            unpacked_missing: (unpacked, 0.5 * scale.unwrap_or(0.0).abs()),
-            valid: (least, most, of_unpacked),
-        }
-    }
-
     /// Whether an attribute holds real numbers rather than integers.
-    fn is_real(&self, name: &str) -> bool {
+    pub(super) fn is_real(&self, name: &str) -> bool {
         let kind = self.dataset.attr(name).and_then(|attribute| attribute.dtype()?.to_descriptor());
         matches!(kind, Ok(TypeDescriptor::Float(_)))
     }
