@@ -38,7 +38,7 @@ def images(views, albedo):
     return (path + albedo * factor)[..., None, None] + cloud
 
 
-@pytest.mark.parametrize("albedo", [0.0, 0.02, 0.2])
+@pytest.mark.parametrize("albedo", [0.06, 0.1, 0.2])
 def test_the_clear_surface_becomes_that_of_the_network(views, albedo):
     changed = above_surface(images(views, albedo), views, 0.05)
     expected = images(views, 0.05)
@@ -47,9 +47,10 @@ def test_the_clear_surface_becomes_that_of_the_network(views, albedo):
     assert min(brightest[1:]) < brightest[0] < max(brightest[1:])
 
 
-def test_images_of_clouds_only_are_unchanged(views):
-    overcast = images(views, 0.6)
-    assert torch.equal(above_surface(overcast, views, 0.05), overcast)
+@pytest.mark.parametrize("albedo", [0.0, 0.03, 0.6])
+def test_images_of_darker_surfaces_and_of_clouds_only_are_unchanged(views, albedo):
+    unchanged = images(views, albedo)
+    assert torch.equal(above_surface(unchanged, views, 0.05), unchanged)
 
 
 def test_the_clear_radiance_is_that_of_deepct(views):

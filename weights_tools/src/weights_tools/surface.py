@@ -37,7 +37,7 @@ def clear_radiance(views: Views) -> tuple[Tensor, Tensor]:
 
 def above_surface(images: Tensor, views: Views, reference: float) -> Tensor:
     """Images (1/sr) ``[n, v, row, col]`` in which the radiance of the clear surface is that of a
-    surface with the albedo ``reference``; all views must be present."""
+    surface with the albedo ``reference`` where it is brighter; all views must be present."""
     path, factor = (each[..., None, None] for each in clear_radiance(views))
     albedos = ((images - path) / factor).flatten(1)
     dark = int(CLEAR_SHARE * albedos.shape[1])
@@ -45,4 +45,6 @@ def above_surface(images: Tensor, views: Views, reference: float) -> Tensor:
     surface = path + albedo * factor
     excess = (images - surface).clamp_min(0.0) / (HIDING * views.sun[:, None, None, None, 2])
     changed = images + (reference - albedo) * factor * (-excess).exp()
-    return torch.where(albedo <= LARGEST_ALBEDO, changed, images)
+    # Only brighter surfaces look like clouds; the albedo found between large shadows is too low.
+    brighter = (albedo >= reference) & (albedo <= LARGEST_ALBEDO)
+    return torch.where(brighter, changed, images)

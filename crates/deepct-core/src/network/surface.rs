@@ -49,7 +49,7 @@ impl Clear {
 }
 
 /// The images with the radiance of the clear surface replaced by that of a surface with the albedo
-/// `reference`; unchanged if no surface is visible. The albedo of the surface is the one that
+/// `reference`; `None` for a darker surface, or if no surface is visible. The albedo of the surface is the one that
 /// explains the darkest pixels of all views together.
 ///
 /// # Errors
@@ -77,7 +77,9 @@ pub(super) fn above_surface(
     let dark = (CLEAR_SHARE * albedos.len() as f64) as usize;
     let (_, &mut albedo, _) = albedos.select_nth_unstable_by(dark, f32::total_cmp);
     let albedo = f64::from(albedo);
-    if albedo > LARGEST_ALBEDO {
+    // A network takes a brighter surface for a cloud, but not a darker one; where shadows cover much
+    // of the images, the albedo that is found is too low.
+    if !(reference..=LARGEST_ALBEDO).contains(&albedo) {
         return Ok(None);
     }
     let mut values: Array3<f32> = images.values.clone();
@@ -132,7 +134,7 @@ mod tests {
     }
 
     /// A bright surface becomes the one of the training in whatever unit; thick clouds, which hide
-    /// it, change less; images of the surface of the training do not change.
+    /// it, change less; images of a darker surface, or with large shadows, do not change.
     #[test]
     fn another_surface_becomes_that_of_the_training() {
         for irradiance in [1.0, 1500.0] {
@@ -148,9 +150,8 @@ mod tests {
                     assert!((value - wanted).abs() < 1e-6 * scale, "{value} {wanted}");
                 }
             }
-            let same = above_surface(&dark, &geometry(irradiance), 0.05).unwrap().unwrap();
-            let largest = (&same.values - &dark.values).iter().fold(0.0_f32, |a, b| a.max(b.abs()));
-            assert!(largest < 1e-6 * scale, "{largest}");
+            let darker = images(0.04, irradiance);
+            assert!(above_surface(&darker, &geometry(irradiance), 0.05).unwrap().is_none());
         }
     }
 
