@@ -1,10 +1,25 @@
 #![no_main]
-//! Output of large-eddy models: arbitrary bytes give a cloud or an error.
+//! Output of large-eddy models: valid files with a few changes give a cloud whose values are finite,
+//! or an error.
 
 use deepct_core::io::import::{ImportSettings, read_les};
+use deepct_fuzz::Edit;
 
-libfuzzer_sys::fuzz_target!(|bytes: &[u8]| {
-    deepct_fuzz::with_file(bytes, ".nc", |path| {
-        let _ = read_les(path, &ImportSettings::default());
-    });
+const FILES: [&[u8]; 3] = [
+    include_bytes!("../../crates/deepct-core/tests/fixtures/bins.nc"),
+    include_bytes!("../../crates/deepct-core/tests/fixtures/cf.nc"),
+    include_bytes!("../../crates/deepct-core/tests/fixtures/mixing.nc"),
+];
+
+libfuzzer_sys::fuzz_target!(|input: (u8, bool, Vec<Edit>)| {
+    let (kind, resampled, edits) = input;
+    let path = deepct_fuzz::folder().join("input.nc");
+    deepct_fuzz::edited(FILES[usize::from(kind) % FILES.len()], &edits, &path);
+    let mut settings = ImportSettings::default();
+    if !resampled {
+        settings.spacing = None;
+    }
+    if let Ok((cloud, _)) = read_les(&path, &settings) {
+        deepct_fuzz::check_cloud(&cloud);
+    }
 });

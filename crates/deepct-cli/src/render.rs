@@ -202,6 +202,7 @@ impl Args {
         let samples = rendering.samples_per_pixel;
         let estimated_error = rendering.estimated_error;
         let noise = rendering.noise;
+        let warnings = rendering.warnings();
         let mut observation = Observation::new(light.clone(), views, rendering.images)?;
         observation.standard_error = rendering.standard_error;
         let out = name(&self.out);
@@ -214,11 +215,8 @@ impl Args {
             let labels = crate::plot::labels(&observation);
             contact_sheet(name(path), &observation.images, &labels, &title)?;
         }
-        if !rendering.converged && !rendering.interrupted {
-            note!(
-                "deepct: warning: the deterministic solver has not converged to its tolerance; the \
-                 cloud is very thick, or the domain is small and periodic: use --solver monte-carlo"
-            );
+        for warning in &warnings {
+            note!("deepct: warning: {warning}");
         }
         if rendering.interrupted {
             note!("deepct: stopped early: the images have {samples} photon paths per pixel");

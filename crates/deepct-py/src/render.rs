@@ -13,7 +13,9 @@ use deepct_core::optics::Interpolation;
 use deepct_core::scene::PhaseModel;
 use deepct_core::transport::{self, MonteCarloSettings, OrdinatesSettings, Solver};
 use numpy::PyArray3;
+use pyo3::exceptions::PyUserWarning;
 use pyo3::prelude::*;
+use std::ffi::CString;
 
 /// Photon paths per pixel if neither their number nor the noise is given.
 const SAMPLES: u32 = 256;
@@ -174,6 +176,10 @@ pub(crate) fn render(
         scene.medium.interpolation = interpolation;
         Ok((transport::render(&scene, &views.0, &solver, &Stopped(stop))?, light.recorded(&cloud)))
     })?;
+    for warning in rendering.warnings() {
+        let text = CString::new(warning).expect("no zero byte");
+        PyErr::warn(py, &py.get_type::<PyUserWarning>(), &text, 1)?;
+    }
     Ok(Rendering {
         radiance: give(py, rendering.images.values),
         standard_error: rendering.standard_error.map(|stack| give(py, stack.values)),

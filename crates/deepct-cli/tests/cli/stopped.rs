@@ -1,4 +1,4 @@
-//! Runs that are interrupted, and outputs that are closed or full.
+//! Runs that are interrupted, and outputs that are closed, full, or written by several runs.
 
 use crate::program::Program;
 use std::fs::read;
@@ -109,6 +109,121 @@ fn a_closed_or_full_output_loses_nothing() {
     for name in ["full.nc", "closed.nc"] {
         program.succeed(&format!("plot {name} --out {name}.png"));
     }
+}
+
+/// The program with a limit of 4 kB on the size of files, which stands for a full disk: writing
+/// beyond it fails in the same way.
+#[cfg(target_os = "linux")]
+fn on_a_full_disk(program: &Program, arguments: &str) -> std::process::Output {
+    let wanted = program.command(arguments);
+    let mut command = Command::new("sh");
+    command
+        .args(["-c", "trap '' XFSZ; ulimit -f 8; exec \"$0\" \"$@\""])
+        .arg(wanted.get_program())
+        .args(wanted.get_args())
+        .current_dir(program.path("."))
+        .env("HDF5_USE_FILE_LOCKING", "FALSE");
+    command.output().unwrap()
+}
+
+/// On a full disk, a command ends with one message that names its output. It leaves no file, and
+/// an output that existed remains as it was.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_full_disk_is_reported_and_loses_nothing() {
+    let program = Program::new();
+    program.succeed("cloud generate --seed 5 --out cloud.nc");
+    program.succeed("render cloud.nc --views cloudct-10 --samples 4 --out images.nc");
+    program.succeed("infer images.nc --out volume.nc");
+    let grid = "--set width_km=0.4";
+    for (arguments, out) in [
+        (format!("cloud generate --seed 6 {grid} --out"), "cloud.nc"),
+        ("render cloud.nc --views cloudct-10 --samples 2 --out".into(), "images.nc"),
+        ("render cloud.nc --views cloudct-10 --samples 2 --out".into(), "images.exr"),
+        ("sense images.nc --out".into(), "noisy.nc"),
+        ("carve images.nc --grid cloud.nc --out".into(), "mask.nc"),
+        ("infer images.nc --out".into(), "volume.nc"),
+        ("plot cloud.nc --out".into(), "cloud.png"),
+        ("invert images.nc --grid cloud.nc --iterations 1 --out".into(), "volume.nc"),
+    ] {
+        let before: Vec<_> =
+            program.files().into_iter().map(|name| read(program.path(&name)).unwrap()).collect();
+        let names = program.files();
+        let run = on_a_full_disk(&program, &format!("--quiet {arguments} {out}"));
+        let text = String::from_utf8(run.stderr).unwrap();
+        assert_eq!(run.status.code(), Some(2), "{arguments} {out}: {text}");
+        let errors: Vec<_> = text.lines().filter(|line| !line.contains("warning: ")).collect();
+        assert!(errors.len() == 1 && errors[0].contains(out), "{arguments}: {text}");
+        assert_eq!(program.files(), names, "{arguments} {out}");
+        let after = names.iter().map(|name| read(program.path(name)).unwrap());
+        assert!(after.eq(before), "{arguments} {out}");
+    }
+}
+
+/// Several runs that write the same file at the same time leave the complete file of one of them.
+#[test]
+fn several_runs_can_write_one_file() {
+    let program = Program::new();
+    program.succeed("cloud generate --seed 5 --set width_km=0.4 --out cloud.nc");
+    let render = |seed: u64, out: &str| {
+        format!("render cloud.nc --views cloudct-10 --samples 4 --seed {seed} --out {out}")
+    };
+    let images = |name: &str| deepct_core::io::read_observation(program.path(name)).unwrap().images;
+    let seeds = [1, 2, 3, 4];
+    let runs = seeds.map(|seed| start(&program, &render(seed, "one.nc")));
+    for mut run in runs {
+        assert_eq!(run.wait().unwrap().code(), Some(0));
+    }
+    let alone = seeds.map(|seed| {
+        program.succeed(&render(seed, "alone.nc"));
+        images("alone.nc")
+    });
+    assert!(alone.contains(&images("one.nc")));
+    assert_eq!(program.files(), ["alone.nc", "cloud.nc", "one.nc"]);
+}
+
+/// The names and the contents of the files of a data set, without the manifest, whose provenance
+/// differs.
+fn samples(program: &Program, folder: &str) -> Vec<(String, Vec<u8>)> {
+    let entries = std::fs::read_dir(program.path(folder).join("samples")).unwrap();
+    let mut files: Vec<_> = entries
+        .map(|entry| entry.unwrap())
+        .map(|entry| (entry.file_name().into_string().unwrap(), read(entry.path()).unwrap()))
+        .collect();
+    files.sort();
+    files
+}
+
+/// A data set that several runs make at the same time, and that is killed and continued, has the
+/// bytes of one that a single run makes.
+#[test]
+fn a_data_set_has_the_same_bytes_whoever_makes_it() {
+    let program = Program::new();
+    program.succeed("cloud generate --kind field --seed 3 --out field.nc");
+    let settings = "formation = \"cloudct-10\"\ncolumns = 24\n[[sources]]\nfile = \"field.nc\"\n\
+                    split = \"train\"\nfirst = 0\nlast = 0\nevery = 1\nclouds = 3\n";
+    std::fs::write(program.path("set.toml"), settings).unwrap();
+    let generate = |folder: &str| format!("--quiet dataset generate set.toml --out {folder}");
+    program.succeed(&generate("alone"));
+    let runs = [(); 3].map(|()| start(&program, &generate("together")));
+    for mut run in runs {
+        assert_eq!(run.wait().unwrap().code(), Some(0));
+    }
+    for milliseconds in [50, 400, 1200] {
+        let mut run = start(&program, &generate("killed"));
+        std::thread::sleep(Duration::from_millis(milliseconds));
+        let _ = run.kill();
+        run.wait().unwrap();
+    }
+    program.succeed(&generate("killed"));
+    let expected = samples(&program, "alone");
+    assert_eq!(expected.len(), 3);
+    assert!(samples(&program, "together") == expected);
+    let killed: Vec<_> = samples(&program, "killed")
+        .into_iter()
+        .filter(|(name, _)| name.ends_with(".nc") && !name.starts_with('.'))
+        .collect();
+    assert!(killed == expected);
 }
 
 /// A link is followed: the file that it names is replaced, and the link stays.

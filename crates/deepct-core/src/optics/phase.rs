@@ -82,8 +82,11 @@ impl Guide {
     }
 }
 
+/// Smallest asymmetry parameter of scattering that is not treated as isotropic.
+const NEARLY_ISOTROPIC: f64 = 1e-6;
+
 impl PhaseFunction {
-    /// A Henyey-Greenstein phase function.
+    /// A Henyey-Greenstein phase function, isotropic for an asymmetry parameter below 1e-6.
     ///
     /// # Errors
     /// Returns an error if the asymmetry parameter is outside (-1, 1).
@@ -91,7 +94,9 @@ impl PhaseFunction {
         if asymmetry.is_nan() || asymmetry.abs() >= 1.0 {
             return Err(Error::out_of_range("asymmetry", asymmetry, "between -1 and 1"));
         }
-        Ok(if asymmetry == 0.0 { Self::Isotropic } else { Self::HenyeyGreenstein { asymmetry } })
+        // The inversion of the cumulative distribution divides by the asymmetry parameter.
+        let isotropic = asymmetry.abs() < NEARLY_ISOTROPIC;
+        Ok(if isotropic { Self::Isotropic } else { Self::HenyeyGreenstein { asymmetry } })
     }
 
     /// The phase function of molecules with the given depolarisation factor.

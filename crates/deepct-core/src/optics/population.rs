@@ -24,7 +24,7 @@ pub enum SizeDistribution {
 /// Settings of a [`DropletTable`]: wavelength, refractive index and size distribution.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DropletSettings {
-    /// Wavelength (um), from 0.2 to 2.4.
+    /// Wavelength (um), from 0.2 to 4.
     pub wavelength: f64,
     /// Refractive index; `None` for that of liquid water.
     pub refractive_index: Option<Complex64>,
@@ -93,7 +93,7 @@ impl DropletTable {
     /// effective variance of 0.1.
     ///
     /// # Errors
-    /// Returns an error if the wavelength is outside 0.2 to 2.4 um.
+    /// Returns an error if the wavelength is outside 0.2 to 4 um.
     pub fn water(wavelength: f64) -> Result<Self> {
         Self::of(&DropletSettings::water(wavelength))
     }

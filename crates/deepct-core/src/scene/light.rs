@@ -168,6 +168,7 @@ impl Light {
             Air::new(self.wavelength)?;
         }
         self.surface.check()?;
+        self.surface.at(self.wavelength)?;
         self.optics.check()
     }
 
@@ -197,7 +198,8 @@ impl Light {
     /// As [`Light::scene`].
     pub fn scene_with(&self, cloud: &Cloud, table: Option<Arc<DropletTable>>) -> Result<Scene> {
         let medium = self.medium(cloud, table)?;
-        let scene = Scene::new(medium, self.sun, self.surface)?.with_boundary(self.boundary);
+        let surface = self.surface.at(self.wavelength)?;
+        let scene = Scene::new(medium, self.sun, surface)?.with_boundary(self.boundary);
         Ok(match self.air {
             true => scene.with_air(Air::new(self.wavelength)?),
             false => scene,
@@ -324,7 +326,39 @@ impl DropletOpticsModel {
             let range = "above 0 and at most 0.4";
             return Err(Error::out_of_range("optics.effective_variance", variance, range));
         }
-        Ok(())
+        self.check_effect()
+    }
+
+    /// Returns an error if a value is given that has no effect with the other ones.
+    fn check_effect(&self) -> Result<()> {
+        let default = Self::default();
+        let (is_mie, is_hg) = match self.phase {
+            PhaseModel::Mie => (true, false),
+            PhaseModel::HenyeyGreenstein => (false, true),
+            PhaseModel::Isotropic => (false, false),
+        };
+        let by_mie = is_mie || self.extinction == ExtinctionModel::Mie;
+        let phase = if is_mie { "mie" } else { "isotropic" };
+        let unused = |name, value: f64, of: &str| {
+            let range = format!("not given, as it has no effect with {of}");
+            Err(Error::out_of_range(name, value, range))
+        };
+        if !is_hg && self.asymmetry != default.asymmetry {
+            return unused("optics.asymmetry", self.asymmetry, &format!("optics.phase = {phase}"));
+        }
+        let albedo = self.single_scattering_albedo;
+        if is_mie && albedo != default.single_scattering_albedo {
+            return unused("optics.single_scattering_albedo", albedo, "optics.phase = mie");
+        }
+        if !by_mie && self.bandwidth != 0.0 {
+            return unused("optics.bandwidth", self.bandwidth, "optics that are not by Mie theory");
+        }
+        match self.effective_variance {
+            Some(variance) if !by_mie => {
+                unused("optics.effective_variance", variance, "optics that are not by Mie theory")
+            }
+            _ => Ok(()),
+        }
     }
 }
 

@@ -2,11 +2,17 @@
 
 use crate::error::{Error, Result};
 use crate::math::DVec3;
+use crate::optics::water_refractive_index;
 use crate::rng::{RngExt, Stream};
 use std::f64::consts::PI;
 
-/// The refractive index of sea water in visible light (Quan and Fry 1995: 1.34 at 550 nm).
-const WATER: f64 = 1.34;
+/// The refractive index of sea water at 0.55 um (Quan and Fry 1995).
+const SEA_WATER: f64 = 1.34;
+/// The index of sea water minus that of pure water (Quan and Fry 1995; Friedman 1969 measured 0.006
+/// in the infrared).
+const SALT: f64 = 0.0065;
+/// Lowest altitude of a surface (km), below any on Earth.
+const LOWEST: f64 = -12.0;
 
 /// A Lambertian surface, which in addition reflects light like an ocean surface roughened by wind
 /// if it has [`Waves`].
@@ -30,6 +36,8 @@ pub struct Waves {
     wind_speed: f64,
     /// Mean square slope, the sum of the components along and across the wind.
     slope_variance: f64,
+    /// The refractive index of the water.
+    index: f64,
 }
 
 impl Surface {
@@ -43,12 +51,25 @@ impl Surface {
         Self { albedo, altitude: 0.0, waves: None }
     }
 
-    /// Returns an error unless the albedo is between 0 and 1.
+    /// Returns an error unless the albedo is between 0 and 1, and the altitude one on Earth.
     pub(super) fn check(&self) -> Result<()> {
-        if (0.0..=1.0).contains(&self.albedo) {
-            return Ok(());
+        if !(0.0..=1.0).contains(&self.albedo) {
+            return Err(Error::out_of_range("surface albedo", self.albedo, "between 0 and 1"));
         }
-        Err(Error::out_of_range("surface albedo", self.albedo, "between 0 and 1"))
+        if !(self.altitude.is_finite() && self.altitude >= LOWEST) {
+            let range = format!("at least {LOWEST} km, above the deepest sea floor");
+            return Err(Error::out_of_range("surface_altitude_km", self.altitude, range));
+        }
+        Ok(())
+    }
+
+    /// The same surface at a wavelength (um), on which the refractive index of water depends.
+    ///
+    /// # Errors
+    /// As [`Waves::at`].
+    pub fn at(self, wavelength: f64) -> Result<Self> {
+        let waves = self.waves.map(|waves| waves.at(wavelength)).transpose()?;
+        Ok(Self { waves, ..self })
     }
 
     /// Whether the surface reflects no light.
@@ -67,7 +88,7 @@ impl Surface {
 
 impl Waves {
     /// The waves for a wind speed (m/s) at 12.5 m above the ocean surface, with the mean square
-    /// slope of a clean surface independent of wind direction (Cox and Munk 1954).
+    /// slope of a clean surface independent of wind direction (Cox and Munk 1954), in green light.
     ///
     /// # Errors
     /// Returns an error if the wind speed is outside 0.5 to 20 m/s; Cox and Munk measured at 1 to
@@ -76,7 +97,16 @@ impl Waves {
         if !(0.5..=20.0).contains(&wind_speed) {
             return Err(Error::out_of_range("wind speed", wind_speed, "from 0.5 to 20 m/s"));
         }
-        Ok(Self { wind_speed, slope_variance: 0.003 + 0.00512 * wind_speed })
+        let slope_variance = 0.003 + 0.00512 * wind_speed;
+        Ok(Self { wind_speed, slope_variance, index: SEA_WATER })
+    }
+
+    /// The same waves at a wavelength (um).
+    ///
+    /// # Errors
+    /// Returns an error if the wavelength is outside 0.2 to 4 um.
+    pub fn at(self, wavelength: f64) -> Result<Self> {
+        Ok(Self { index: water_refractive_index(wavelength)?.re + SALT, ..self })
     }
 
     /// The wind speed (m/s).
@@ -95,7 +125,7 @@ impl Waves {
         let facing = (one + other).normalize();
         let density = self.facing_density(facing.z);
         let seen = 1.0 / (1.0 + self.hidden(one.z) + self.hidden(other.z));
-        fresnel(facing.dot(one)) * density * seen / (4.0 * one.z * other.z)
+        fresnel(facing.dot(one), self.index) * density * seen / (4.0 * one.z * other.z)
     }
 
     /// Samples the direction into which light that arrives from the direction `away` is reflected.
@@ -140,13 +170,13 @@ impl Waves {
     }
 }
 
-/// The Fresnel reflectance for unpolarised light incident from air, as a function of the cosine of
-/// the angle of incidence.
+/// The Fresnel reflectance for unpolarised light incident from air on a medium with a refractive
+/// index, as a function of the cosine of the angle of incidence.
 #[inline]
-fn fresnel(cosine: f64) -> f64 {
-    let inside = (1.0 - (1.0 - cosine * cosine) / (WATER * WATER)).sqrt();
-    let across = (cosine - WATER * inside) / (cosine + WATER * inside);
-    let along = (WATER * cosine - inside) / (WATER * cosine + inside);
+fn fresnel(cosine: f64, index: f64) -> f64 {
+    let inside = (1.0 - (1.0 - cosine * cosine) / (index * index)).sqrt();
+    let across = (cosine - index * inside) / (cosine + index * inside);
+    let along = (index * cosine - inside) / (index * cosine + inside);
     0.5 * (across * across + along * along)
 }
 
@@ -158,12 +188,35 @@ mod tests {
 
     #[test]
     fn straight_on_water_reflects_two_per_cent() {
-        assert!((fresnel(1.0) - (0.34_f64 / 2.34).powi(2)).abs() < 1e-12);
-        assert!((fresnel(1e-9) - 1.0).abs() < 1e-6);
+        assert!((fresnel(1.0, 1.34) - (0.34_f64 / 2.34).powi(2)).abs() < 1e-12);
+        assert!((fresnel(1e-9, 1.34) - 1.0).abs() < 1e-6);
         // At Brewster's angle only light polarised normal to the plane of incidence is reflected.
-        let brewster = WATER.atan().cos();
-        let across = ((1.0 - WATER * WATER) / (1.0 + WATER * WATER)).powi(2);
-        assert!((fresnel(brewster) - 0.5 * across).abs() < 1e-12);
+        let brewster = 1.34_f64.atan().cos();
+        let across = ((1.0_f64 - 1.34 * 1.34) / (1.0 + 1.34 * 1.34)).powi(2);
+        assert!((fresnel(brewster, 1.34) - 0.5 * across).abs() < 1e-12);
+    }
+
+    /// The glint in the shortwave infrared, where water refracts less, is a fifth darker than in
+    /// red light.
+    #[test]
+    fn the_glint_depends_on_the_wavelength() {
+        let direction = towards(0.3, 0.0);
+        let glint = |wavelength| {
+            let waves = Waves::new(5.0).unwrap().at(wavelength).unwrap();
+            waves.reflectance(direction, towards(0.3, PI))
+        };
+        let index = |pure: f64| ((pure + 0.0065 - 1.0) / (pure + 0.0065 + 1.0)).powi(2);
+        let expected = index(1.2949) / index(1.3308);
+        assert!((glint(2.1) / glint(0.672) / expected - 1.0).abs() < 2e-3, "{expected}");
+        assert!(Waves::new(5.0).unwrap().at(10.0).is_err());
+    }
+
+    #[test]
+    fn a_surface_is_on_earth() {
+        for altitude in [f64::NEG_INFINITY, f64::NAN, -500.0] {
+            assert!(Surface { altitude, ..Surface::OCEAN }.check().is_err(), "{altitude}");
+        }
+        Surface { altitude: -0.4, ..Surface::OCEAN }.check().unwrap();
     }
 
     #[test]
@@ -220,7 +273,7 @@ mod tests {
         let mut rng = stream(4, Purpose::Transport, &[]);
         let draws = 20_000;
         let sum: f64 = (0..draws).map(|_| weight(&waves, DVec3::Z, &mut rng)).sum();
-        assert!((sum / f64::from(draws) / fresnel(1.0) - 1.0).abs() < 0.01);
+        assert!((sum / f64::from(draws) / fresnel(1.0, 1.34) - 1.0).abs() < 0.01);
         assert!(Waves::new(0.0).is_err() && Waves::new(f64::NAN).is_err());
     }
 }

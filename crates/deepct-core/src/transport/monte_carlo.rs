@@ -225,6 +225,7 @@ pub(super) fn render(
         interrupted,
         converged: true,
         estimated_error: None,
+        thickest_cell: 0.0,
         noise: Some(film.noise()),
     })
 }

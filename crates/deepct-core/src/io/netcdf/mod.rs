@@ -43,3 +43,21 @@ pub struct Provenance {
     /// The seed of the run's random numbers.
     pub seed: u64,
 }
+
+/// The reason of a failure in the words of HDF5: that of the operating system where there is one,
+/// otherwise the first line, as the others contain addresses.
+fn reason(problem: &str) -> &str {
+    const SYSTEM: &str = "error message = '";
+    match problem.split_once(SYSTEM).and_then(|(_, rest)| rest.split_once('\'')) {
+        Some((reason, _)) => reason,
+        None => problem.lines().next().unwrap_or("unknown reason"),
+    }
+}
+
+#[test]
+fn failures_have_the_reason_of_the_system() {
+    let text = "H5C_dest(): file write failed: time = Sat Nov 28 2026\n, filename = 'a.nc', errno = \
+                28, error message = 'No space left on device', buf = 0x5557dd245ec0";
+    assert_eq!(reason(text), "No space left on device");
+    assert_eq!(reason("H5Dread(): filter failed\n, at 0x12"), "H5Dread(): filter failed");
+}

@@ -3,7 +3,7 @@
 
 use super::coding::Coding;
 use super::guard::{self, Reading};
-use super::{MAX_VALUES, dimension};
+use super::{MAX_VALUES, dimension, reason};
 use crate::error::{Error, Result};
 use crate::io::units::Unit;
 use crate::memory;
@@ -440,7 +440,7 @@ impl Variable<'_> {
         let _reading = self.reading();
         let unreadable = |problem: hdf5::Error| {
             self.error(
-                format!("cannot be read: {}", first_line(&problem)),
+                format!("cannot be read: {}", reason(&problem.to_string())),
                 "the file is truncated, damaged or compressed by a filter other than deflate; \
                  copy it again or write it again",
             )
@@ -489,10 +489,6 @@ fn text_attribute(on: &Location, name: &str) -> Option<String> {
 /// The last part of an HDF5 path.
 fn leaf(name: &str) -> String {
     name.rsplit('/').next().unwrap_or(name).to_owned()
-}
-
-fn first_line(problem: &hdf5::Error) -> String {
-    problem.to_string().lines().next().unwrap_or("unknown reason").to_owned()
 }
 
 fn first_bytes(path: &Path) -> Vec<u8> {

@@ -1,7 +1,7 @@
 //! Writing of netCDF-4 files: variables on named dimensions. A file has a temporary name until it
 //! is complete.
 
-use super::{Provenance, dimension};
+use super::{Provenance, dimension, reason};
 use crate::error::{Error, Result};
 use hdf5::types::VarLenUnicode;
 use hdf5::{Dataset, H5Type, Location};
@@ -164,7 +164,7 @@ fn cannot_write(path: &Path, field: &str, problem: &(impl ToString + ?Sized)) ->
     Error::file(
         path,
         field,
-        format!("cannot be written: {}", problem.to_string()),
+        format!("cannot be written: {}", reason(&problem.to_string())),
         "check that the disk has room and the folder can be written",
     )
 }

@@ -16,6 +16,14 @@ const TOGETHER: usize = 2;
 const ARRAYS: usize = 8 / TOGETHER;
 /// Number of directions that the iteration stores before it restarts.
 const RESTART: usize = 8;
+/// Largest number of arrays of moments at the same time: the directions, the arrays of a sweep, the
+/// source of the direct sunlight, the solution and those from which it follows.
+pub(super) const MOST_FIELDS: usize = RESTART + ARRAYS + 7;
+/// Largest error of a solution relative to the change of a sweep at which the iteration ends: see
+/// [`Transport::solve`].
+const ERROR_BY_CHANGE: f64 = 10.0;
+/// Largest factor by which the required change decreases at a time.
+const STRICTER: f64 = 0.1;
 /// Number of elements of a long array that are processed at a time.
 const PIECE: usize = 4096;
 
@@ -186,6 +194,11 @@ impl Transport<'_> {
     /// sweeps: by the generalised minimal residual method (Saad and Schultz 1986) until the change
     /// of a sweep is less than `tolerance` times the radiance, or until `go_on`, which receives
     /// this relative change after each sweep, returns `false`.
+    ///
+    /// Where light is scattered very often, a sweep changes the radiance much less than it is
+    /// wrong. The error is estimated from the last correction, as if the next ones would decrease
+    /// by the same factor as the change has, and must be less than [`ERROR_BY_CHANGE`] times
+    /// `tolerance`.
     pub(super) fn solve(
         &self,
         origin: Origin,
@@ -195,7 +208,9 @@ impl Transport<'_> {
         go_on: &dyn Fn(f64) -> bool,
     ) -> (Field, usize) {
         let mut buffers = SweepBuffers::new(field.moments.len());
-        let mut sweeps = 0;
+        let (mut sweeps, mut required) = (0, tolerance);
+        // The change of a sweep before the last correction, and the size of the correction.
+        let mut before: Option<(f64, f64)> = None;
         loop {
             self.source(&field, origin, &mut buffers.source);
             let next = self.sweep(&mut buffers, origin, &field);
@@ -203,17 +218,28 @@ impl Transport<'_> {
             let mut change = next.clone();
             change.add(-1.0, &field);
             let (size, whole) = (change.norm(), next.norm());
-            let wanted = tolerance * whole;
             let go_on = |size: f64| go_on(size / whole);
-            if size <= wanted || sweeps >= most_sweeps || !go_on(size) {
+            if sweeps >= most_sweeps || !go_on(size) {
                 return (next, sweeps);
             }
-            sweeps += self.correct(&mut buffers, &mut field, change, wanted, &go_on);
+            if size <= required * whole {
+                let factor = before.map_or(0.0, |(earlier, _)| (size / earlier).min(0.99));
+                let error = before.map_or(0.0, |(_, step)| step * factor / (1.0 - factor));
+                let excess = error / (ERROR_BY_CHANGE * tolerance * whole);
+                if excess <= 1.0 {
+                    return (next, sweeps);
+                }
+                required *= excess.recip().max(STRICTER);
+            }
+            let (count, step) =
+                self.correct(&mut buffers, &mut field, change, required * whole, &go_on);
+            sweeps += count;
+            before = Some((size, step));
         }
     }
 
     /// Add to a field the combination of up to [`RESTART`] directions that minimises its change in
-    /// a sweep. Returns the number of sweeps that this takes.
+    /// a sweep. Returns the number of sweeps that this takes, and the size of the combination.
     fn correct(
         &self,
         buffers: &mut SweepBuffers,
@@ -221,7 +247,7 @@ impl Transport<'_> {
         mut change: Field,
         wanted: f64,
         go_on: &dyn Fn(f64) -> bool,
-    ) -> usize {
+    ) -> (usize, f64) {
         let size = change.norm();
         change.scale(1.0 / size);
         let mut directions = vec![change];
@@ -263,7 +289,8 @@ impl Transport<'_> {
         for (weight, direction) in weights.iter().zip(&directions) {
             field.add(*weight, direction);
         }
-        columns.len()
+        // The directions are orthonormal.
+        (columns.len(), weights.iter().map(|weight| weight * weight).sum::<f64>().sqrt())
     }
 
     /// Derivative of a quantity with respect to the mean and slopes of the delta-M scaled

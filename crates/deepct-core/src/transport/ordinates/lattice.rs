@@ -150,6 +150,13 @@ impl Lattice {
         self.splits.map(|split| if split { parts as usize } else { 1 })
     }
 
+    /// The longest side (km) of the cells of a voxel that is split into `parts`, except along axes
+    /// without any structure.
+    pub(super) fn longest_side(&self, parts: u32) -> f64 {
+        let split = (0..3).filter(|&axis| self.splits[axis]);
+        split.map(|axis| self.grid.spacing[axis] / f64::from(parts)).fold(0.0, f64::max)
+    }
+
     /// Number of cells along x, y, z of the voxel of a slot, and position of the slot among them.
     #[inline]
     fn place(&self, slot: usize) -> (DVec3, DVec3) {

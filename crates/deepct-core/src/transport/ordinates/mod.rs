@@ -31,6 +31,7 @@ use crate::error::{Error, Result};
 use crate::grid::{Mask, Volume};
 use crate::image::ViewStack;
 use crate::math::DVec3;
+use crate::memory;
 use crate::scene::{Boundary, Scene, View};
 use crate::stop::Stop;
 use beam::{Rays, cubature};
@@ -66,6 +67,7 @@ pub struct OrdinatesModel {
     quadrature: Quadrature,
     /// Points of a cell at which sunlight is evaluated, with their weights.
     cubature: Vec<(DVec3, f64)>,
+    thickest_cell: f64,
     state: Option<State>,
     adjoint: Option<Field>,
     sweeps: usize,
@@ -132,12 +134,23 @@ impl OrdinatesModel {
         let scaling = optics::delta_m_scaling(&medium.scattering, settings.zenith_angles);
         let parts = |extinction: f32| parts(scaling * f64::from(extinction), scene, settings);
         let lattice = Lattice::new(grid, medium.interpolation, scene.boundary, prepared, parts);
+        let bytes = (diffuse::MOST_FIELDS * 4 * quadrature.harmonics * size_of::<f32>()) as f64;
+        memory::check(
+            "memory for the radiance in the cells of the discrete-ordinates solver (the Monte Carlo \
+             solver, and a lower accuracy, need less)",
+            lattice.len() as f64,
+            bytes,
+        )?;
         let rise = lattice.grid.spacing.z / scene.sun.towards().z;
         let thickest = lattice.active().iter().map(|active| {
             let [.., parts] = lattice.parts_along(active.parts);
             scaling * f64::from(active.prepared) * rise / parts as f64
         });
         let cubature = cubature(thickest.fold(0.0, f64::max));
+        let depths = lattice.active().iter().map(|active| {
+            scaling * f64::from(active.prepared) * lattice.longest_side(active.parts)
+        });
+        let thickest_cell = depths.fold(0.0, f64::max);
         let optics = Optics::new(&medium.scattering, grid, &lattice, &quadrature);
         let surroundings = Surroundings::new(scene, &lattice, &quadrature)?;
         let middle = |slot| lattice.point(slot, DVec3::splat(0.5)).z;
@@ -155,6 +168,7 @@ impl OrdinatesModel {
             optics,
             quadrature,
             cubature,
+            thickest_cell,
             state: None,
             adjoint: None,
             sweeps: 0,
@@ -213,6 +227,12 @@ impl OrdinatesModel {
     /// Number of cells.
     pub fn cells(&self) -> usize {
         self.lattice.len()
+    }
+
+    /// The largest optical depth of a cell along an axis, without the forward peak of scattering
+    /// (delta-M scaled).
+    pub fn thickest_cell(&self) -> f64 {
+        self.thickest_cell
     }
 
     /// Whether the last solution reached the tolerance of the settings.

@@ -9,7 +9,8 @@ pub struct OrdinatesSettings {
     /// Number of zenith angles of the ordinates, a multiple of 4; the number of azimuths is twice
     /// as large.
     pub zenith_angles: usize,
-    /// The iteration ends when a sweep changes the radiance by less than this relative amount.
+    /// The iteration ends when a sweep changes the radiance by less than this relative amount, and
+    /// the estimated error of the radiance is less than ten times as large.
     pub tolerance: f64,
     /// Maximum number of sweeps of one solution.
     pub most_sweeps: usize,
@@ -33,7 +34,7 @@ impl Default for OrdinatesSettings {
         Self {
             zenith_angles: 8,
             tolerance: 1e-4,
-            most_sweeps: 200,
+            most_sweeps: 1000,
             rays_per_pixel: 13,
             cell_depth: 0.5,
             most_parts: 4,
@@ -78,6 +79,8 @@ impl OrdinatesSettings {
         (self.zenith_angles >= 8).then(|| Self {
             zenith_angles: self.zenith_angles / 8 * 4,
             cell_depth: 2.0 * self.cell_depth,
+            // Cells of voxels that need more parts than these are larger, too.
+            most_parts: self.most_parts.div_ceil(2),
             rays_per_pixel: (2 * self.rays_per_pixel / 5).max(1),
             tolerance: self.tolerance.max(1e-3),
             ..*self
