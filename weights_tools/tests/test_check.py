@@ -2,10 +2,13 @@
 
 import os
 import shutil
+import subprocess
 
 import numpy as np
 import pytest
+import torch
 from conftest import planes_metadata, saved, seasoned_network, weights_metadata
+from safetensors.torch import save_file
 
 from weights_tools.__main__ import main
 from weights_tools.check import SAME, check, engines
@@ -70,6 +73,34 @@ def test_onnx_runtime_gives_the_answer_of_deepct(tmp_path, size):
         answers.append(engines(weights, DEEPCT)[0].run(images, metadata_of(weights)))
     assert answers[0].shape == (32, *size)
     assert abs(answers[0] - answers[1]).max() <= SAME * answers[1].max()
+
+
+@needs_deepct
+def test_networks_with_another_epsilon_are_the_same(tmp_path):
+    pytest.importorskip("onnxruntime")
+    metadata = {**weights_metadata(3, 4), "configuration": {"batch_norm_epsilon": 0.1}}
+    for suffix in (".safetensors", ".onnx"):
+        checkpoint, weights = exported(tmp_path, [3, 8, 4], metadata, suffix)
+        for engine in engines(weights, DEEPCT):
+            assert max(check(checkpoint, weights, engine)) <= engine.tolerance, engine.name
+
+
+@needs_deepct
+def test_deepct_shows_the_scores_of_the_scale_that_was_measured(tmp_path):
+    metadata = {**weights_metadata(3, 4), "scores": {"epsilon": 0.4, "delta": 0.2}}
+    checkpoint = saved(tmp_path / "network.pt", seasoned_network([3, 4]), False)
+    export(checkpoint, tmp_path / "w.safetensors", metadata, unbiased=1.0)
+    command = [DEEPCT, "weights", "inspect", str(tmp_path / "w.safetensors")]
+    run = subprocess.run(command, check=True, capture_output=True, text=True)
+    scores = dict(line.split() for line in run.stdout.splitlines()[-2:])
+    assert scores == {"delta_biased": "0.2000", "epsilon_biased": "0.4000"}
+
+
+def test_weights_of_any_formation_are_not_compared(tmp_path, capsys):
+    save_file({"a": torch.ones(1)}, tmp_path / "w.safetensors", {"deepct": "{}"})
+    checkpoint = saved(tmp_path / "network.pt", seasoned_network([3, 4]), False)
+    assert main(["check", str(checkpoint), "--weights", str(tmp_path / "w.safetensors")]) == 2
+    assert "is not of a network for one formation" in capsys.readouterr().err
 
 
 @needs_deepct

@@ -1,6 +1,7 @@
 """Conversion of checkpoints to weights files."""
 
 import json
+import math
 import os
 import pickle
 
@@ -46,6 +47,64 @@ def test_folding_is_exact_to_the_last_bit_of_f32():
         )
         normed = block.body[1](block.body[0](images))
     assert (folded - normed).abs().max() < 2e-7 * normed.abs().max() * 18
+
+
+def test_another_epsilon_of_the_batch_normalisation_is_folded(tmp_path, capsys):
+    network = seasoned_network([3, 6, 4])
+    for block in network.net.body:
+        block.body[1].eps = 1e-3
+        block.body[1].running_var.mul_(1e-2)
+    checkpoint = saved(tmp_path / "network.pt", network, False)
+    (tmp_path / "metadata.json").write_text(json.dumps(weights_metadata(3, 4)))
+    command = ["export", str(checkpoint), "--out", str(tmp_path / "w.safetensors"), "--metadata"]
+    assert main([*command, str(tmp_path / "metadata.json")]) == 0
+    assumed = "assumed: padding with zeros, batch normalisation with epsilon"
+    assert f"{assumed} 1e-05\n" in capsys.readouterr().out
+    others = load_file(tmp_path / "w.safetensors")
+    metadata = {**weights_metadata(3, 4), "configuration": {"batch_norm_epsilon": 1e-3}}
+    (tmp_path / "metadata.json").write_text(json.dumps(metadata))
+    assert main([*command, str(tmp_path / "metadata.json")]) == 0
+    assert f"{assumed} 0.001\n" in capsys.readouterr().out
+    found = load_file(tmp_path / "w.safetensors")
+    for index, block in enumerate(network.net.body):
+        name = f"layers.{index}.weight"
+        variance = block.body[1].running_var.double()
+        for layers, epsilon in ((others, 1e-5), (found, 1e-3)):
+            factor = block.body[1].weight.double() / (variance + epsilon).sqrt()
+            expected = block.body[0].weight.double() * factor[:, None, None, None]
+            torch.testing.assert_close(layers[name], expected.float(), rtol=1e-6, atol=0.0)
+    images = torch.rand(2, 3, 9, 5, dtype=torch.float64)
+    output = images
+    for index in range(2):
+        weight, bias = (found[f"layers.{index}.{part}"].double() for part in ("weight", "bias"))
+        output = torch.nn.functional.conv2d(output, weight, bias, padding=1).relu()
+    with torch.no_grad():
+        expected = network.double()(images)
+    assert (output - expected).abs().max() < 1e-6 * expected.max()
+    with safe_open(tmp_path / "w.safetensors", "pt") as file:
+        header = json.loads(file.metadata()["deepct"])
+    assert header["configuration"] == {"batch_norm_epsilon": 1e-3}
+
+
+@pytest.mark.parametrize("epsilon", [0.0, -1e-3, math.inf, math.nan, "1e-3", True])
+def test_an_epsilon_that_is_not_positive_is_refused(tmp_path, epsilon):
+    checkpoint = saved(tmp_path / "network.pt", seasoned_network([3, 4]), False)
+    metadata = {**weights_metadata(3, 4), "configuration": {"batch_norm_epsilon": epsilon}}
+    with pytest.raises(InputError, match="network.pt: its batch_norm_epsilon is"):
+        export(checkpoint, tmp_path / "w.safetensors", metadata)
+
+
+@pytest.mark.parametrize("padding", ["circular", "reflect", "replicate"])
+def test_other_padding_than_by_zeros_is_refused(tmp_path, padding):
+    network = seasoned_network([3, 4])
+    checkpoint = saved(tmp_path / "network.pt", network, False)
+    metadata = {**weights_metadata(3, 4), "configuration": {"padding_mode": padding}}
+    for name in ("w.safetensors", "w.onnx"):
+        with pytest.raises(InputError, match=f"its padding_mode is '{padding}'"):
+            export(checkpoint, tmp_path / name, metadata)
+    network.net.body[0].body[0].padding_mode = padding
+    with pytest.raises(InputError, match=f"net.body.0.body.0: its padding_mode is '{padding}'"):
+        folded_layers(network)
 
 
 def test_a_pickle_with_code_is_refused_and_does_not_run(tmp_path):
@@ -105,14 +164,17 @@ def test_unbiased_weights_have_the_total_of_their_validation_clouds(tmp_path, ca
     checkpoint = saved(tmp_path / "network.pt", seasoned_network([3, 4]), False)
     metadata = {**weights_metadata(3, 4), "scores": {"epsilon": 0.4, "delta": 0.2}}
     # 0.2 of the total was missing: 0.8 times 1.25 is 1, and 0.8 times 1.125 is 0.9.
-    for share, scale, left in ((1.0, 1.25, 0.0), (0.5, 1.125, 0.1)):
-        export(checkpoint, tmp_path / "w.safetensors", metadata, unbiased=share)
+    for share, scale in ((1.0, 1.25), (0.5, 1.125)):
+        lines = export(checkpoint, tmp_path / "w.safetensors", metadata, unbiased=share)
+        assert "the scores of this scale are not measured" in lines[1]
         with safe_open(tmp_path / "w.safetensors", "pt") as file:
             header = json.loads(file.metadata()["deepct"])
         assert header["output_scale"] == pytest.approx(scale * metadata["output_scale"])
-        assert header["scores"] == {"epsilon": 0.4, "delta": pytest.approx(left)}
-    with pytest.raises(InputError, match="its scores have a delta of None"):
-        export(checkpoint, tmp_path / "w.safetensors", weights_metadata(3, 4), unbiased=1.0)
+        assert header["scores"] == {"epsilon_biased": 0.4, "delta_biased": 0.2}
+    for scores, delta in (({}, "None"), ({"delta": 1.0}, "1.0"), ({"delta": math.nan}, "nan")):
+        metadata["scores"] = scores
+        with pytest.raises(InputError, match=f"its scores have a delta of {delta}"):
+            export(checkpoint, tmp_path / "w.safetensors", metadata, unbiased=1.0)
     command = ["export", str(checkpoint), "--out", str(tmp_path / "w.safetensors")]
     with pytest.raises(SystemExit):
         main([*command, "--unbiased", "1.5"])

@@ -186,12 +186,15 @@ def test_checkpoints_of_the_study_are_converted_and_extended(tmp_path):
     assert read_general_weights(tmp_path / "more.safetensors").network.architecture.extremes
 
 
-def test_export_removes_the_mean_error(path, tmp_path):
+def test_export_removes_the_mean_error(path, tmp_path, capsys):
     out = tmp_path / "unbiased.safetensors"
     assert main(["export", str(path), "--out", str(out), "--unbiased"]) == 0
+    assert "the scores of this scale are not measured" in capsys.readouterr().out
     description = read_general_weights(out).description
     assert description.output_scale == pytest.approx(50.0 / 0.9)
-    assert description.scores["delta"] == 0.0
+    assert description.scores == {"epsilon_biased": 0.5, "delta_biased": 0.1}
+    assert main(["export", str(out), "--out", str(out), "--unbiased"]) == 2
+    assert "its scores have a delta of None" in capsys.readouterr().err
 
 
 def test_fixtures_contain_what_they_document(tmp_path):

@@ -81,6 +81,20 @@ def test_a_graph_says_what_it_is(tmp_path):
         assert lengths == ["cloud", views, "row", "col"]
 
 
+def test_convolutions_have_all_attributes(tmp_path):
+    _, path = exported(tmp_path, [3, 6, 4], weights_metadata(3, 4))
+    layers = [node for node in onnx.load(path).graph.node if node.op_type == "Conv"]
+    assert len(layers) == 2
+    for layer in layers:
+        attributes = {each.name: onnx.helper.get_attribute_value(each) for each in layer.attribute}
+        assert attributes == {
+            "kernel_shape": [3, 3],
+            "strides": [1, 1],
+            "dilations": [1, 1],
+            "pads": [1, 1, 1, 1],
+        }
+
+
 def test_the_command_line_writes_and_checks_it(tmp_path, capsys):
     checkpoint = saved(tmp_path / "network.pt", seasoned_network([3, 6, 4]), False)
     other = saved(tmp_path / "other.pt", seasoned_network([3, 6, 4], 1), False)

@@ -110,7 +110,7 @@ def test_clouds_of_the_generator_are_read_from_their_file(recipe, simulations, t
 
 
 def test_a_missing_simulation_is_named(recipe, tmp_path):
-    with pytest.raises(InputError, match=r"clouds\.nc: cannot be read"):
+    with pytest.raises(InputError, match=r"clouds\.nc: No such file"):
         generator(recipe, tmp_path)
 
 

@@ -113,7 +113,13 @@ def _parser() -> argparse.ArgumentParser:
     convert = verbs.add_parser("export", help="convert a checkpoint or state dict to weights")
     convert.add_argument("checkpoint", type=Path)
     convert.add_argument("--out", type=Path, required=True, help="NAME.safetensors or NAME.onnx")
-    convert.add_argument("--metadata", type=Path, help="JSON with metadata to add or replace")
+    convert.add_argument(
+        "--metadata",
+        type=Path,
+        help="JSON with metadata to add or replace; batch normalisation with another epsilon than "
+        '1e-5 requires {"configuration": {"batch_norm_epsilon": EPSILON}}, and convolutions are '
+        "taken to pad with zeros",
+    )
     convert.add_argument(
         "--unbiased",
         type=_share,
@@ -121,7 +127,8 @@ def _parser() -> argparse.ArgumentParser:
         const=1.0,
         default=0.0,
         metavar="SHARE",
-        help="remove this share (0 to 1) of the mean delta of the scores (without a number: 1)",
+        help="remove this share (0 to 1) of the mean delta of the scores (without a number: 1); "
+        "the file then has the scores of the original scale as epsilon_biased and delta_biased",
     )
     convert.add_argument(
         "--extremes",
@@ -313,15 +320,16 @@ def _export(options: argparse.Namespace) -> int:
     from weights_tools.general_file import export_general, is_general
 
     changes = read_metadata(options.metadata) if options.metadata else {}
+    order = options.checkpoint, options.out, changes, options.unbiased
     if not is_onnx(options.out) and is_general(options.checkpoint):
-        export_general(options.checkpoint, options.out, changes, options.unbiased, options.extremes)
-        print(f"wrote {options.out}")
-        return 0
-    if options.extremes:
+        lines = export_general(*order, options.extremes)
+    elif options.extremes:
         remedy = "leave --extremes out"
         raise InputError(options.checkpoint, "is not of a general network", remedy)
-    export(options.checkpoint, options.out, changes, options.unbiased)
-    print(f"wrote {options.out}")
+    else:
+        lines = export(*order)
+    for line in (f"wrote {options.out}", *lines):
+        print(line)
     return 0
 
 

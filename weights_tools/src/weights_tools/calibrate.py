@@ -17,6 +17,7 @@ import numpy as np
 import torch
 
 from weights_tools.errors import InputError
+from weights_tools.files import regular_file
 from weights_tools.general_file import (
     GeneralWeights,
     read_general_weights,
@@ -143,7 +144,8 @@ def _results(weights: GeneralWeights, pool: Path) -> Iterator[Found]:
 
 def _scenes(pool: Path) -> Iterator[dict[str, Any]]:
     for number in chunk_numbers(pool, "validation"):
-        with np.load(chunk_path(pool, "validation", number)) as file:
+        path = regular_file(chunk_path(pool, "validation", number), "make the scenes again")
+        with np.load(path) as file:
             chunk = {name: file[name] for name in file.files}
         for scene in range(len(chunk["paper"])):
             yield {name: values[scene] for name, values in chunk.items()}

@@ -17,6 +17,7 @@ from safetensors import SafetensorError, safe_open
 
 from weights_tools.errors import InputError
 from weights_tools.export import GET_ONNX, is_onnx, load_network, onnx_graph
+from weights_tools.files import regular_file
 from weights_tools.model import Network
 from weights_tools.program import run_program
 
@@ -63,6 +64,8 @@ def check(
     Raises :class:`InputError` for files that cannot be used and if the engine is missing or fails.
     """
     metadata = weights_metadata(weights)
+    if "view_geometry" not in metadata:
+        raise InputError(weights, "is not of a network for one formation", "give such weights")
     network, _ = load_network(checkpoint, metadata)
     random = np.random.default_rng(seed)
     errors = []
@@ -96,12 +99,13 @@ def weights_metadata(path: str | Path) -> dict[str, Any]:
     """The metadata of a weights file."""
     if is_onnx(path):
         return onnx_graph().onnx_metadata(path)
+    remedy = "export it with `weights_tools export`"
+    regular_file(path, remedy)
     try:
         with safe_open(str(path), "pt") as file:
             header = file.metadata() or {}
         return json.loads(header["deepct"])
     except (OSError, SafetensorError, KeyError, ValueError) as problem:
-        remedy = "export it with `weights_tools export`"
         raise InputError(path, f"is not a weights file ({problem})", remedy) from None
 
 

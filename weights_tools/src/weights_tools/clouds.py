@@ -11,6 +11,7 @@ import h5py
 import numpy as np
 
 from weights_tools.errors import InputError
+from weights_tools.files import regular_file
 
 SIZE = 32
 """Voxels of a scene along x, y and z."""
@@ -84,6 +85,7 @@ class Simulation:
         """Raises :class:`InputError` if the file cannot be read or has fewer times."""
         self.path, self.first, self.last = path, first, last
         remedy = "name a file with lwc(time, z, y, x), or correct the range of times"
+        regular_file(path, remedy)
         try:
             with h5py.File(path) as file:
                 shape = file["lwc"].shape
@@ -129,8 +131,11 @@ class Generated:
         """Raises :class:`InputError` without the file and without ``deepct_py``."""
         self.count = count
         path = folder / _GENERATED.format(count)
-        self._water = np.load(path)["water"] if path.exists() else None
-        if self._water is None:
+        self._water = None
+        if path.exists():
+            file = regular_file(path, "write it again with `weights_tools pack`")
+            self._water = np.load(file)["water"]
+        else:
             _deepct()
 
     def draw(self, random: np.random.Generator) -> tuple[Snapshot, int]:

@@ -17,6 +17,7 @@ import torch
 from torch import Tensor
 
 from weights_tools.errors import InputError
+from weights_tools.files import read_file
 
 FORMAT = "deepct-dataset 2"
 """The current format of manifests."""
@@ -198,10 +199,7 @@ def load_dataset(
 
 
 def _read_manifest(path: Path) -> tuple[dict[str, Any], str]:
-    try:
-        text = path.read_bytes()
-    except OSError as problem:
-        raise InputError(path, problem.strerror or "cannot be read", _REMEDY) from None
+    text = read_file(path, _REMEDY)
     try:
         manifest = json.loads(text)
     except ValueError as problem:
@@ -264,10 +262,7 @@ def _read_sample(
     folder: Path, sample: dict[str, Any], manifest: dict[str, Any], views: int
 ) -> tuple[Tensor, Tensor]:
     path = folder / sample["file"]
-    try:
-        content = path.read_bytes()
-    except OSError as problem:
-        raise InputError(path, problem.strerror or "cannot be read", _REMEDY) from None
+    content = read_file(path, _REMEDY)
     if hashlib.sha256(content).hexdigest() != sample["sha256"]:
         problem = "is not the file that the manifest names (its SHA-256 differs)"
         raise InputError(path, problem, _REMEDY)

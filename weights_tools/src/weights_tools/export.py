@@ -14,8 +14,10 @@ from torch import Tensor
 import weights_tools
 from weights_tools.checkpoint import load_checkpoint, state_dict_of, write_whole
 from weights_tools.errors import InputError
+from weights_tools.files import read_file
 from weights_tools.lift import lift_of
 from weights_tools.model import Network, network_from_state
+from weights_tools.unbiased import BIASED_SCORES, unbiased_scale
 
 FORMAT_VERSION = 3
 """Version of the metadata in a weights file."""
@@ -37,8 +39,14 @@ METADATA_KEYS = (
 )
 """The metadata that a weights file requires in addition to the layers."""
 
+BATCH_NORM_EPSILON = 1e-5
+"""Number added to the variances of a batch normalisation unless the configuration in the metadata
+has another ``batch_norm_epsilon``."""
+
 GET_ONNX = "install it with `pip install 'weights_tools[onnx]'`"
 """Remedy if a package for ONNX is missing."""
+
+_PAD_ZEROS = "weights files can only be of networks that pad with zeros: train such a network"
 
 
 def load_network(
@@ -46,10 +54,13 @@ def load_network(
 ) -> tuple[Network, dict[str, Any]]:
     """The network of a checkpoint or state dict, and its metadata.
 
-    Entries of ``changes`` replace those of the checkpoint; objects are merged key by key.
+    Entries of ``changes`` replace those of the checkpoint; objects are merged key by key. A state
+    dict contains neither the epsilon of the batch normalisation nor the kind of the padding. They
+    are ``batch_norm_epsilon`` (:data:`BATCH_NORM_EPSILON`) and ``padding_mode`` (``zeros``) of the
+    configuration in the metadata.
 
-    Raises :class:`InputError` if the file does not contain a network, or if the input channels of
-    the network do not match the planes given in the metadata.
+    Raises :class:`InputError` if the file does not contain a network, if the input channels of
+    the network do not match the planes given in the metadata, and for other padding than by zeros.
     """
     checkpoint = load_checkpoint(path)
     metadata = _merge(checkpoint.get("metadata", {}), changes or {})
@@ -60,19 +71,33 @@ def load_network(
         remedy = "give the view_geometry and the planes of the images with --metadata"
         raise InputError(path, f"its metadata of planes are wrong ({problem!r})", remedy) from None
     try:
-        return network_from_state(state, lift), metadata
+        network = network_from_state(state, lift)
     except ValueError as problem:
-        remedy = "give the parameters of the paper's network (net.body.{i}.body...)"
+        remedy = "give the parameters of the paper's network (net.body.{i}.body..., float32)"
         raise InputError(path, str(problem), remedy) from None
+    _configure(network, metadata.get("configuration"), path)
+    return network, metadata
+
+
+def _configure(network: Network, configuration: Any, path: str | Path) -> None:
+    """Set the epsilon of the batch normalisation."""
+    # The configuration may be any JSON.
+    known = configuration if isinstance(configuration, dict) else {}
+    padding = known.get("padding_mode", "zeros")
+    if padding != "zeros":
+        raise InputError(path, f"its padding_mode is {padding!r}", _PAD_ZEROS)
+    epsilon = known.get("batch_norm_epsilon", BATCH_NORM_EPSILON)
+    if type(epsilon) not in (int, float) or not 0.0 < epsilon < float("inf"):
+        raise InputError(path, f"its batch_norm_epsilon is {epsilon!r}", "give a positive number")
+    for block in network.net.body:
+        block.body[1].eps = float(epsilon)
 
 
 def read_metadata(path: str | Path) -> dict[str, Any]:
     """Read metadata from a JSON file, for a checkpoint that contains none."""
+    content = read_file(path, "give a JSON file of metadata")
     try:
-        metadata = json.loads(Path(path).read_text(encoding="utf-8"))
-    except OSError as problem:
-        remedy = "give a JSON file of metadata"
-        raise InputError(path, problem.strerror or "cannot be read", remedy) from None
+        metadata = json.loads(content.decode("utf-8"))
     except ValueError as problem:
         raise InputError(path, f"is not JSON ({problem})", "correct it") from None
     if not isinstance(metadata, dict):
@@ -85,7 +110,7 @@ def export(
     output: str | Path,
     changes: dict[str, Any],
     unbiased: float = 0.0,
-) -> None:
+) -> list[str]:
     """Write the weights of a checkpoint with folded batch normalisation: as an ONNX graph of the
     complete network if ``output`` ends in ``.onnx``, otherwise as safetensors.
 
@@ -95,7 +120,10 @@ def export(
 
     ``unbiased`` is the share (0 to 1) of the mean delta of the validation clouds that is removed
     by a larger scale of the output. Training with squared errors makes a network underestimate the
-    extinction where the images do not determine it.
+    extinction where the images do not determine it. The scores of the original scale remain in the
+    file under the names ``{name}_biased``, as those of the new scale have not been measured.
+
+    Returns lines that state what was assumed and what the scores in the file are.
 
     Raises :class:`InputError` for a checkpoint that cannot be used and for metadata that
     are missing or unknown.
@@ -110,8 +138,14 @@ def export(
         problem = f"unknown metadata {', '.join(unknown)}"
         raise InputError(checkpoint_path, problem, f"the keys are {', '.join(METADATA_KEYS)}")
     _check_outputs(network, metadata, checkpoint_path)
+    epsilon = network.net.body[0].body[1].eps
+    lines = [f"assumed: padding with zeros, batch normalisation with epsilon {epsilon:g}"]
     if unbiased:
-        metadata = _unbiased(metadata, unbiased, checkpoint_path)
+        scale, scores = unbiased_scale(
+            metadata["output_scale"], metadata["scores"], unbiased, checkpoint_path
+        )
+        metadata = {**metadata, "output_scale": scale, "scores": scores}
+        lines.append(BIASED_SCORES)
     header = {
         "format_version": FORMAT_VERSION,
         "architecture": {"channels": network.channels, "last_relu": True},
@@ -120,17 +154,7 @@ def export(
     }
     write = _onnx if is_onnx(output) else _safetensors
     write_whole(Path(output), write(network, header))
-
-
-def _unbiased(metadata: dict[str, Any], share: float, path: str | Path) -> dict[str, Any]:
-    delta = metadata["scores"].get("delta")
-    if delta is None or delta >= 1.0:
-        remedy = "give the scores with --metadata, or leave --unbiased out"
-        raise InputError(path, f"its scores have a delta of {delta}", remedy)
-    # Only the new delta is known; epsilon remains that of the original scale.
-    left = (1.0 - share) * delta
-    scale = metadata["output_scale"] * (1.0 - left) / (1.0 - delta)
-    return {**metadata, "output_scale": scale, "scores": {**metadata["scores"], "delta": left}}
+    return lines
 
 
 def _check_outputs(network: Network, metadata: dict[str, Any], path: str | Path) -> None:
@@ -172,10 +196,15 @@ def folded_layers(network: Network) -> dict[str, Tensor]:
 
     They are computed in float64 and rounded once: ``w' = w g / s``,
     ``b' = (b - mean) g / s + beta`` with ``s = sqrt(variance + epsilon)``.
+
+    Raises :class:`InputError` for a network with other padding than by zeros.
     """
     layers: dict[str, Tensor] = {}
     for index, block in enumerate(network.net.body):
         convolution, norm = block.body[0], block.body[1]
+        if convolution.padding_mode != "zeros":
+            problem = f"its padding_mode is {convolution.padding_mode!r}"
+            raise InputError(f"net.body.{index}.body.0", problem, _PAD_ZEROS)
         factor = norm.weight.double() / (norm.running_var.double() + norm.eps).sqrt()
         weight = convolution.weight.double() * factor[:, None, None, None]
         bias = (convolution.bias.double() - norm.running_mean.double()) * factor

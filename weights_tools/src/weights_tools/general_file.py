@@ -14,7 +14,9 @@ from torch import Tensor
 import weights_tools
 from weights_tools.checkpoint import load_checkpoint, write_whole
 from weights_tools.errors import InputError
+from weights_tools.files import regular_file
 from weights_tools.general import GeneralArchitecture, GeneralNetwork, with_extremes
+from weights_tools.unbiased import BIASED_SCORES, unbiased_scale
 
 FORMAT_VERSION = 4
 """Version of the metadata in a weights file of a general network."""
@@ -102,6 +104,7 @@ def read_general_weights(path: str | Path) -> GeneralWeights:
     """
     from safetensors import SafetensorError, safe_open
 
+    regular_file(path, _REMEDY)
     try:
         with safe_open(str(path), "pt") as file:
             text = (file.metadata() or {})["deepct"]
@@ -156,13 +159,16 @@ def export_general(
     changes: dict[str, Any],
     unbiased: float = 0.0,
     extremes: bool = False,
-) -> None:
+) -> list[str]:
     """Write the weights file of a checkpoint that :func:`load_general` reads.
 
     Entries of ``changes`` replace those of the :class:`GeneralDescription`. ``unbiased`` is the
-    share (0 to 1) of the mean delta of the scores that is removed by a larger scale of the output.
-    With ``extremes``, the network is extended by unused inputs for the minimum and maximum over the
+    share (0 to 1) of the mean delta of the scores that is removed by a larger scale of the output;
+    the scores of the original scale remain in the file under the names ``{name}_biased``. With
+    ``extremes``, the network is extended by unused inputs for the minimum and maximum over the
     views.
+
+    Returns lines that state what the scores in the file are.
 
     Raises :class:`InputError` for a checkpoint or for changes that cannot be used.
     """
@@ -172,23 +178,16 @@ def export_general(
         remedy = f"the keys are {', '.join(_DESCRIBED)}"
         raise InputError(output, f"unknown metadata {', '.join(unknown)}", remedy)
     description = replace(weights.description, **changes)
+    lines = []
     if unbiased:
-        description = _unbiased(description, unbiased, checkpoint)
+        scale, scores = unbiased_scale(
+            description.output_scale, description.scores, unbiased, checkpoint
+        )
+        description = replace(description, output_scale=scale, scores=scores)
+        lines.append(BIASED_SCORES)
     network = with_extremes(weights.network) if extremes else weights.network
     write_general_weights(output, GeneralWeights(network, description))
-
-
-def _unbiased(
-    description: GeneralDescription, share: float, path: str | Path
-) -> GeneralDescription:
-    delta = description.scores.get("delta")
-    if not isinstance(delta, (int, float)) or delta >= 1.0:
-        remedy = "give the scores with --metadata, or leave --unbiased out"
-        raise InputError(path, f"its scores have a delta of {delta}", remedy)
-    # Only the new delta is known; epsilon remains that of the original scale.
-    left = (1.0 - share) * delta
-    scale = description.output_scale * (1.0 - left) / (1.0 - delta)
-    return replace(description, output_scale=scale, scores={**description.scores, "delta": left})
+    return lines
 
 
 def is_general(path: str | Path) -> bool:

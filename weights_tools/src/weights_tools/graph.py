@@ -15,6 +15,7 @@ from torch import Tensor
 
 import weights_tools
 from weights_tools.errors import InputError
+from weights_tools.files import read_file
 from weights_tools.lift import Lift
 
 OPSET = 17
@@ -162,7 +163,14 @@ def onnx_model(
     for index in range(len(header["architecture"]["channels"]) - 1):
         operands = [value, f"layers.{index}.weight", f"layers.{index}.bias"]
         value = f"layers.{index}"
-        nodes.append(helper.make_node("Conv", operands, [f"{value}.sum"], pads=[1, 1, 1, 1]))
+        # Some runtimes require the attributes that have a default value as well.
+        attributes = {
+            "kernel_shape": layers[operands[1]].shape[2:],
+            "strides": [1, 1],
+            "dilations": [1, 1],
+            "pads": [1, 1, 1, 1],
+        }
+        nodes.append(helper.make_node("Conv", operands, [f"{value}.sum"], **attributes))
         nodes.append(helper.make_node("Relu", [f"{value}.sum"], [value]))
     outputs = header["outputs"]
     scaled = "outputs" if len(outputs) > 1 else outputs[0]
@@ -180,11 +188,10 @@ def onnx_metadata(path: str | Path) -> dict[str, Any]:
     Raises :class:`InputError` for any other file.
     """
     remedy = "export it with `weights_tools export`"
+    content = read_file(path, remedy)
     try:
-        model = onnx.load(path, load_external_data=False)
+        model = onnx.load_from_string(content)
         return json.loads({entry.key: entry.value for entry in model.metadata_props}["deepct"])
-    except OSError as problem:
-        raise InputError(path, problem.strerror or "cannot be read", remedy) from None
     except (DecodeError, KeyError, ValueError) as problem:
         raise InputError(path, f"is not an ONNX file of weights ({problem})", remedy) from None
 

@@ -17,6 +17,12 @@ from weights_tools.lift import Lift
 KERNEL_SIZE = 3
 """Size of a kernel along rows and columns (pixels)."""
 
+KINDS = (
+    *(torch.float16, torch.bfloat16, torch.float32, torch.float64),
+    *(torch.int32, torch.int64),
+)
+"""Types of the values of a state dict. Numbers of fewer bits would need further factors."""
+
 CHANNEL_GROWTH = 2
 """Number of channels that each layer of the paper's network adds until there are enough."""
 
@@ -153,9 +159,13 @@ def network_from_state(state: dict[str, Tensor], lift: Lift | None = None) -> Ne
     """The network with the parameters of a state dict, in evaluation mode.
 
     Raises ``ValueError`` as :func:`channels_of`, for names or shapes that the network does not
-    have, and for values that are not finite.
+    have, for values of a type other than :data:`KINDS`, and for values that are not finite.
     """
     network = Network(channels_of(state), lift)
+    for name, values in state.items():
+        if values.dtype not in KINDS:
+            kind = str(values.dtype).removeprefix("torch.")
+            raise ValueError(f"{name} is of type {kind}, not float32")
     try:
         network.load_state_dict(state)
     except RuntimeError as problem:

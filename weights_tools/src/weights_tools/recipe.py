@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, get_args, get_origin, get_type_hints
 
 from weights_tools.errors import InputError
+from weights_tools.files import read_file
 from weights_tools.model import constant_channels, growing_channels
 from weights_tools.sensor import Sensor
 
@@ -162,10 +163,9 @@ def load_recipe(path: str | Path) -> Recipe:
 
 def read_toml(path: Path) -> dict[str, Any]:
     """The table of a TOML file. Raises :class:`InputError` if it is missing or not TOML."""
+    content = read_file(path, "name a recipe")
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as problem:
-        raise InputError(path, problem.strerror or "cannot be read", "name a recipe") from None
+        return tomllib.loads(content.decode("utf-8"))
     except ValueError as problem:
         raise InputError(path, f"is not TOML ({problem})", "correct it") from None
 

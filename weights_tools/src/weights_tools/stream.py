@@ -18,6 +18,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from weights_tools.files import regular_file
 from weights_tools.general_recipe import GeneralRecipe
 from weights_tools.planes import on_planes
 from weights_tools.renderers import Renderer
@@ -173,7 +174,7 @@ class Pool:
         for number in new[-self.capacity :]:
             path = chunk_path(self.folder, self.split, number)
             try:
-                with np.load(path) as file:
+                with np.load(regular_file(path, "make the scenes again")) as file:
                     arrays = {name: torch.from_numpy(file[name]) for name in _NAMES}
             except (OSError, ValueError, KeyError):
                 path.unlink(missing_ok=True)
