@@ -2,8 +2,8 @@
 
 use crate::global::Global;
 use crate::outcome::Outcome;
-use crate::output::check_output;
 use deepct_core::carve::{CarveSettings, carve};
+use deepct_core::files::check_output;
 use deepct_core::io::{Provenance, read_grid, read_observation, write_mask};
 use deepct_core::{Error, Result};
 use std::path::{Path, PathBuf};
@@ -30,7 +30,7 @@ pub(crate) struct Args {
 }
 
 pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
-    check_output(&args.out, &[&args.images, &args.grid])?;
+    check_output(&args.out)?;
     let settings = CarveSettings { threshold: args.threshold, agreement: args.agreement };
     settings.check()?;
     let observation = read_observation(&args.images)?;

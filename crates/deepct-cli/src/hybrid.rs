@@ -32,7 +32,7 @@ pub(crate) struct Args {
 }
 
 pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
-    let (mut settings, given) = args.flags.resolve(&args.images)?;
+    let (mut settings, given) = args.flags.resolve()?;
     if args.quick {
         settings.inversion = settings.inversion.quick();
     }

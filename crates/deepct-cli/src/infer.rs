@@ -5,9 +5,9 @@ use crate::defaults;
 use crate::global::Global;
 use crate::network::NetworkFlags;
 use crate::outcome::Outcome;
-use crate::output::check_output;
 use deepct_core::carve::{CarveSettings, carve};
 use deepct_core::conv;
+use deepct_core::files::check_output;
 use deepct_core::grid::{Grid, Mask, Volume};
 use deepct_core::io::{Provenance, read_mask, read_observation, write_estimate};
 use deepct_core::network::{Estimate, Estimator};
@@ -67,10 +67,7 @@ impl ConvolutionSettings {
 }
 
 pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
-    let mut inputs = vec![&*args.images, &*args.network.weights];
-    inputs.extend(args.mask.as_deref());
-    inputs.extend(args.network.grid.as_deref());
-    check_output(&args.out, &inputs)?;
+    check_output(&args.out)?;
     let settings: InferSettings = args.settings.resolve(defaults::INFER)?;
     let convolution = settings.convolution.resolve()?;
     let network = args.network.estimator(convolution)?;

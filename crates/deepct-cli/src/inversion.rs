@@ -5,9 +5,9 @@ use crate::defaults;
 use crate::global::Global;
 use crate::light::LightFlags;
 use crate::outcome::Outcome;
-use crate::output::check_output;
 use crate::progress::{InversionProgress, stop, stopped};
 use deepct_core::carve::{CarveSettings, carve};
+use deepct_core::files::check_output;
 use deepct_core::grid::{Grid, Mask, Volume};
 use deepct_core::inversion::{
     Ending, InversionSettings, OrdinatesModels, Problem, Reconstruction, Start, invert, resume,
@@ -49,11 +49,8 @@ pub(crate) struct Flags {
 impl Flags {
     /// The settings of the run, and the values of the scene illumination that replace those in the
     /// file of the images.
-    pub(crate) fn resolve(&self, images: &Path) -> Result<(InvertSettings, Values)> {
-        let mut inputs = vec![images];
-        inputs.extend(self.mask.as_deref());
-        inputs.extend(self.truth.as_deref());
-        check_output(&self.out, &inputs)?;
+    pub(crate) fn resolve(&self) -> Result<(InvertSettings, Values)> {
+        check_output(&self.out)?;
         let (settings, mut values): (InvertSettings, Values) =
             self.settings.resolve_with_light(defaults::INVERT)?;
         settings.inversion.check()?;

@@ -38,7 +38,7 @@ pub(crate) struct Args {
 }
 
 pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
-    let (settings, given) = args.flags.resolve(&args.images)?;
+    let (settings, given) = args.flags.resolve()?;
     let start = start(&args.init)?;
     let mut observation = read_observation(&args.images)?;
     resolve_light(&mut observation, &args.images, &given, global.quiet)?;

@@ -3,8 +3,8 @@
 use crate::global::Global;
 use crate::light::{LightFlags, warn_of_waves};
 use crate::outcome::Outcome;
-use crate::output::check_output;
 use crate::progress::RenderProgress;
+use deepct_core::files::check_output;
 use deepct_core::io::{
     Provenance, read_cloud, read_implausible_cloud, write_exr, write_observation,
 };
@@ -106,7 +106,7 @@ const MOST_SAMPLES: u32 = 1 << 24;
 pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let light = args.light.describe(&args.set)?;
     for out in [Some(&args.out), args.exr.as_ref(), args.png.as_ref()].into_iter().flatten() {
-        check_output(out, &[&args.cloud])?;
+        check_output(out)?;
     }
     args.check_solver()?;
     args.ordinates()?;

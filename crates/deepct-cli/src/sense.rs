@@ -2,7 +2,7 @@
 
 use crate::global::Global;
 use crate::outcome::Outcome;
-use crate::output::check_output;
+use deepct_core::files::check_output;
 use deepct_core::io::{Provenance, read_observation, write_observation};
 use deepct_core::sensor::{Exposure, Scale, Sensor, expose};
 use deepct_core::{Error, Result};
@@ -27,7 +27,7 @@ pub(crate) struct Args {
 }
 
 pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
-    check_output(&args.out, &[&args.images])?;
+    check_output(&args.out)?;
     let sensor = find_sensor(&args.sensor)?;
     let scale = match args.scale {
         None => Scale::BrightestAtFullWell,

@@ -46,8 +46,8 @@ pub fn generate(
     let mut manifest = generator.empty_manifest();
     let mut generated = Generated { samples: 0, made: 0 };
     for snapshot in plan.snapshots(share) {
-        let exists = |planned: &Planned| folder.join(planned.file()).exists();
-        let missing: Vec<_> = snapshot.iter().filter(|planned| !exists(planned)).collect();
+        let missing: Vec<_> =
+            snapshot.iter().filter(|planned| !is_complete(&folder.join(planned.file()))).collect();
         generator.make(&missing, folder, progress)?;
         generated.samples += snapshot.len();
         generated.made += missing.len();
@@ -59,6 +59,11 @@ pub fn generate(
         }
     }
     Ok(generated)
+}
+
+/// Whether a sample exists and can be read. One that another program has cut off is generated again.
+fn is_complete(path: &Path) -> bool {
+    path.exists() && io::read_observation(path).is_ok() && io::read_cloud(path).is_ok()
 }
 
 /// Data that are common to all samples.
@@ -110,11 +115,15 @@ impl<'a> Generator<'a> {
         let source = &self.settings.sources[source];
         let simulation = self.simulations.join(&source.file);
         planned.par_iter().try_for_each(|planned| {
+            let remedy = "use the simulation with which the data set was started";
             let Some(piece) = pieces.iter().find(|piece| piece.corner == planned.corner) else {
                 let problem = format!("snapshot {snapshot} has no cloud at {:?}", planned.corner);
-                let remedy = "use the simulation with which the data set was started";
                 return Err(Error::file(&simulation, "cloud", problem, remedy));
             };
+            if plan::water_sha256(piece) != planned.water_sha256 {
+                let problem = format!("snapshot {snapshot} has changed since the plan was made");
+                return Err(Error::file(&simulation, "lwc", problem, remedy));
+            }
             let cloud = self.seed(planned, piece).map_err(Error::in_file(&simulation))?;
             self.render(planned.source, cloud, &folder.join(planned.file()))?;
             progress(1);
@@ -139,7 +148,7 @@ impl<'a> Generator<'a> {
     /// The cloud on the grid of the samples, with varied water and a randomly drawn droplet number
     /// concentration.
     fn seed(&self, planned: &Planned, piece: &Piece) -> Result<Cloud> {
-        let Planned { source, snapshot, corner: [row, col] } = *planned;
+        let Planned { source, snapshot, corner: [row, col], .. } = *planned;
         let key = [source as u64, snapshot as u64, row as u64, col as u64];
         let mut rng = stream(self.settings.seed, Purpose::Dataset, &key);
         let [least, most] = self.settings.droplets_per_cm3;

@@ -4,6 +4,7 @@ use super::ExperimentSettings;
 use crate::cloud::{Cloud, CumulusSettings, cumulus};
 use crate::dataset::Manifest;
 use crate::error::{Error, Result};
+use crate::files;
 use crate::image::ViewStack;
 use crate::io::{self, Provenance};
 use crate::rng::seed_of_part;
@@ -44,8 +45,8 @@ pub(super) fn cases(settings: &ExperimentSettings) -> Result<Vec<Case>> {
     let mut cases: Vec<(String, Origin)> =
         settings.clouds.iter().map(|file| (stem(file), Origin::File(file.clone()))).collect();
     cases.extend((0..settings.generated as u64).map(|number| {
-        let seed = settings.seed + number;
-        (format!("generated-{seed}"), Origin::Generated(seed))
+        let seed = seed_of_part(settings.seed, number);
+        (format!("generated-{}", number + 1), Origin::Generated(seed))
     }));
     if let Some(folder) = &settings.dataset {
         let manifest = Manifest::read(folder)?;
@@ -70,6 +71,14 @@ pub(super) fn cases(settings: &ExperimentSettings) -> Result<Vec<Case>> {
 }
 
 impl Case {
+    /// Checksum of the file of the cloud; `None` for a generated one.
+    pub(super) fn sha256(&self) -> Result<Option<String>> {
+        match &self.origin {
+            Origin::File(path) | Origin::Sample(path) => files::sha256(path).map(Some),
+            Origin::Generated(_) => Ok(None),
+        }
+    }
+
     /// The cloud with its extinction, and the noisy images of the views of a formation. They are
     /// computed once and stored in `path`.
     pub(super) fn open(
@@ -221,7 +230,7 @@ mod tests {
             ..Default::default()
         };
         let names: Vec<_> = cases(&settings).unwrap().into_iter().map(|case| case.name).collect();
-        assert_eq!(names, ["one", "two", "generated-5", "generated-6"]);
+        assert_eq!(names, ["one", "two", "generated-1", "generated-2"]);
         let clouds = vec!["a/one.nc".into(), "b/one.nc".into()];
         assert!(cases(&ExperimentSettings { clouds, ..settings }).is_err());
     }

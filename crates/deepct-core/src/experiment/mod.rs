@@ -93,6 +93,9 @@ impl Default for ExperimentSettings {
     }
 }
 
+/// Largest number of generated clouds of an experiment.
+const MOST_GENERATED: usize = 100_000;
+
 impl ExperimentSettings {
     /// Check that the settings are valid.
     ///
@@ -111,6 +114,14 @@ impl ExperimentSettings {
                 self.samples,
                 "positive if a data set is given, and 0 otherwise",
             ));
+        }
+        if self.generated > MOST_GENERATED {
+            let range = format!("at most {MOST_GENERATED}");
+            return Err(Error::out_of_range("generated", self.generated, range));
+        }
+        if self.samples_per_pixel < 2 {
+            let range = "at least 2";
+            return Err(Error::out_of_range("samples_per_pixel", self.samples_per_pixel, range));
         }
         if self.clouds.is_empty() && self.generated == 0 && self.dataset.is_none() {
             return Err(Error::out_of_range("clouds", "empty", "at least one cloud"));

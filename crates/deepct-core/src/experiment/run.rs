@@ -30,7 +30,7 @@ pub fn run(settings: &ExperimentSettings, folder: &Path, watch: &dyn Watch) -> R
     let network = Estimator::new(io::load_trained_weights(&settings.weights)?);
     let cases = cases(settings)?;
     let runner = MethodRunner { settings, folder, network };
-    runner.claim()?;
+    runner.claim(&cases)?;
     let mut experiment = Experiment { outcomes: Vec::new(), made: 0, interrupted: false };
     let total = cases.len() * settings.methods.len();
     for case in &cases {
@@ -76,23 +76,40 @@ struct Work {
 }
 
 impl MethodRunner<'_> {
-    /// Create the folders and check that they belong to this experiment.
-    fn claim(&self) -> Result<()> {
+    /// Create the folders and check that they belong to this experiment: to the same settings,
+    /// clouds and weights.
+    fn claim(&self, cases: &[Case]) -> Result<()> {
         for name in ["clouds", "results", "volumes", "figures"] {
             let path = self.folder.join(name);
             std::fs::create_dir_all(&path).map_err(Error::io(&path))?;
         }
-        let path = self.folder.join("experiment.toml");
-        let text = toml::to_string(self.settings).expect("plain numbers and text");
+        let settings = toml::to_string(self.settings).expect("plain numbers and text");
+        let remedy = "choose another folder, or the settings with which the experiment was started";
+        self.same("experiment.toml", &settings, "settings", remedy)?;
+        let mut inputs = String::new();
+        let weights = Path::new(&self.settings.weights);
+        if weights.is_file() {
+            inputs += &format!("{}  {}\n", files::sha256(weights)?, weights.display());
+        }
+        for case in cases {
+            if let Some(sha256) = case.sha256()? {
+                inputs += &format!("{sha256}  {}\n", case.name);
+            }
+        }
+        let remedy = "choose another folder, or the files with which the experiment was started";
+        self.same("inputs.sha256", &inputs, "clouds and weights", remedy)
+    }
+
+    /// Check that a file has this text, which is written if the file does not exist.
+    fn same(&self, name: &str, text: &str, what: &str, remedy: &str) -> Result<()> {
+        let path = self.folder.join(name);
         match std::fs::read_to_string(&path) {
             Ok(found) if found == text => Ok(()),
-            Ok(_) => Err(Error::file(
-                path,
-                "settings",
-                "differ from the requested settings",
-                "choose another folder, or the settings with which the experiment was started",
-            )),
-            Err(_) => files::write(&path, &text),
+            Ok(_) => {
+                let problem = "differ from those with which the experiment was started";
+                Err(Error::file(path, what, problem, remedy))
+            }
+            Err(_) => files::write(&path, text),
         }
     }
 

@@ -4,6 +4,9 @@ use super::View;
 use crate::error::{Error, Result};
 use crate::math::{DVec3, towards};
 
+/// Largest number of satellites of a formation.
+const MOST_SATELLITES: i64 = 1000;
+
 /// Mean radius of the Earth (km).
 pub const EARTH_RADIUS_KM: f64 = 6371.0;
 
@@ -74,8 +77,8 @@ impl Formation {
     /// `atan2((R + h) sin gamma, (R + h) cos gamma - R)`.
     ///
     /// # Errors
-    /// Returns an error if `altitude` or `arc` is not positive, if there is no satellite, or if the
-    /// view zenith angle of a satellite exceeds 89 degrees.
+    /// Returns an error if `altitude` or `arc` is not positive, if there is no satellite or more than
+    /// 1000, or if the view zenith angle of a satellite exceeds 89 degrees.
     pub fn string_of_pearls(
         altitude: f64,
         arc: f64,
@@ -86,6 +89,11 @@ impl Formation {
                 return Err(Error::out_of_range(name, value, "positive (km)"));
             }
         }
+        let count = i64::from(*satellites.end()) - i64::from(*satellites.start()) + 1;
+        if !(1..=MOST_SATELLITES).contains(&count) {
+            let range = format!("from 1 to {MOST_SATELLITES}");
+            return Err(Error::out_of_range("number of satellites", count.max(0), range));
+        }
         let orbit = EARTH_RADIUS_KM + altitude;
         let view_zeniths: Vec<f64> = satellites
             .map(|k| {
@@ -95,13 +103,12 @@ impl Formation {
             .collect();
         let worst = view_zeniths.iter().map(|zenith| zenith.abs()).reduce(f64::max);
         match worst {
-            None => Err(Error::out_of_range("number of satellites", 0, "at least 1")),
             Some(zenith) if zenith.to_degrees() > 89.0 => Err(Error::out_of_range(
                 "view zenith",
                 format!("{:.1} degrees", zenith.to_degrees()),
                 "at most 89 degrees: bring the satellites closer together",
             )),
-            Some(_) => Ok(Self { altitude, track_azimuth: 0.0, view_zeniths, pixel_km: 0.05 }),
+            _ => Ok(Self { altitude, track_azimuth: 0.0, view_zeniths, pixel_km: 0.05 }),
         }
     }
 

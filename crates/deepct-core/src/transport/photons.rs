@@ -6,6 +6,7 @@ use super::field::Field;
 use super::path::{ROULETTE, exponential, survives, turn};
 use crate::error::{Error, Result};
 use crate::math::{DVec3, Ray};
+use crate::memory;
 use crate::rng::{Purpose, RngExt, Stream, stream};
 use crate::scene::{Boundary, Scene};
 use crate::traverse::clip;
@@ -84,6 +85,8 @@ pub fn fluxes(scene: &Scene, settings: FluxSettings) -> Result<Fluxes> {
     if settings.photons < 2 {
         return Err(Error::out_of_range("number of photons", settings.photons, "at least 2"));
     }
+    let count = settings.photons.div_ceil(BATCH);
+    memory::check("memory for the numbers of photons", count as f64, 96.0)?;
     let world = World::new(scene);
     let batch = |number: u64| {
         let mut rng = stream(settings.seed, Purpose::Transport, &[number, u64::MAX]);
@@ -96,8 +99,7 @@ pub fn fluxes(scene: &Scene, settings: FluxSettings) -> Result<Fluxes> {
         }
         sums
     };
-    let batches: Vec<_> =
-        (0..settings.photons.div_ceil(BATCH)).into_par_iter().map(batch).collect();
+    let batches: Vec<_> = (0..count).into_par_iter().map(batch).collect();
     let count = settings.photons as f64;
     let share = |number: usize| {
         let [sum, squares] =

@@ -556,3 +556,29 @@ fn ambiguous_text_clouds_are_refused_by_their_line() {
     assert_eq!(droplets(cloud).liquid_water_content.slice(s![.., .., 0]).sum(), 0.0);
     assert!(warnings[0].contains("no index is 0"), "{warnings:?}");
 }
+
+/// Units in Latin-1 are read, although HDF5 calls them UTF-8.
+#[test]
+fn a_micro_sign_in_latin_1_is_one() {
+    let (_folder, path) = place("cloud.nc");
+    edited(&path, |file| set_units(file, "reff", "\u{b5}m"));
+    let before = read_cloud(&path).unwrap();
+    let mut bytes = std::fs::read(&path).unwrap();
+    let sign = bytes.windows(3).position(|part| part == "\u{b5}m".as_bytes()).unwrap();
+    bytes[sign] = b' ';
+    std::fs::write(&path, &bytes).unwrap();
+    assert_eq!(read_cloud(&path).unwrap(), before);
+}
+
+/// Without the lists by which variables and their dimensions refer to each other, the axes are found
+/// by their lengths.
+#[test]
+fn dimensions_without_references_are_found_by_their_lengths() {
+    let (_folder, path) = place("cloud.nc");
+    edited(&path, |_| ());
+    let before = read_volume(&path).unwrap();
+    edited(&path, |file| {
+        file.dataset("extinction").unwrap().delete_attr("DIMENSION_LIST").unwrap();
+    });
+    assert_eq!(read_volume(&path).unwrap(), before);
+}

@@ -23,6 +23,9 @@ use std::path::Path;
 /// between that of maritime air (50 to 100) and that of continental air (several hundred).
 pub const DROPLETS_PER_CM3: f64 = 100.0;
 
+/// Largest number of levels of an imported cloud.
+const MOST_LEVELS: usize = 100_000;
+
 /// Selection of the part of a file to import, and the grid to which it is resampled.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ImportSettings {
@@ -135,6 +138,9 @@ fn grid_over(edges: [&[f64]; 3], settings: &ImportSettings, path: &Path) -> Resu
     let base = settings.base.unwrap_or(z[0]);
     // A whole number of voxels, up to rounding; the last one may extend beyond the cells.
     let count = |length: f64, step: f64| (length / step - 1e-3).ceil().max(1.0) as usize;
+    if let Some(levels) = settings.levels.filter(|levels| *levels > MOST_LEVELS) {
+        return Err(Error::out_of_range("levels", levels, format!("at most {MOST_LEVELS}")));
+    }
     let levels = settings.levels.unwrap_or_else(|| count(z[z.len() - 1] - base, spacing.z));
     let shape = [levels, count(length(y), spacing.y), count(length(x), spacing.x)];
     Grid::new(DVec3::new(x[0], y[0], base), spacing, shape).map_err(|problem| {

@@ -146,6 +146,8 @@ impl<'a> Lines<'a> {
         if !voxels.is_some_and(|count| (1..=MAX_VOXELS).contains(&count)) {
             return Err(self.error(line, format!("declares {nx} x {ny} x {nz} voxels")));
         }
+        memory::check("memory for the grid", voxels.unwrap_or(0) as f64, 32.0)
+            .map_err(Error::in_file(self.path))?;
         let (line, mut steps) = self.numbers("the steps dx, dy")?;
         let (z, names_required) = if steps.len() == 2 {
             (self.numbers("the altitudes")?.1, true)

@@ -7,6 +7,7 @@
 use hdf5::Dataset;
 use hdf5_sys::h5::herr_t;
 use hdf5_sys::h5i::hid_t;
+use hdf5_sys::h5t::{H5T_class_t, H5Tclose, H5Tget_class, H5Tget_nmembers, H5Tget_super};
 use std::ffi::{CString, c_char, c_uint};
 
 unsafe extern "C" {
@@ -33,8 +34,36 @@ pub(super) fn attach_scale(dataset: &Dataset, scale: &Dataset, axis: usize) -> b
 
 /// Whether `scale` is attached to an axis of `dataset`.
 pub(super) fn is_attached(dataset: &Dataset, scale: &Dataset, axis: usize) -> bool {
-    // SAFETY: as for `attach_scale`.
+    if !has_lists(dataset, scale) {
+        return false;
+    }
+    // SAFETY: as for `attach_scale`; the attributes that the library reads have the types with which
+    // it reads them.
     hdf5::sync::sync(|| unsafe { H5DSis_attached(dataset.id(), scale.id(), axis as c_uint) > 0 })
+}
+
+/// Whether the attributes by which a dataset and a scale refer to each other have the types that the
+/// library expects without checking them: a list of references for each axis, and records of two
+/// members.
+fn has_lists(dataset: &Dataset, scale: &Dataset) -> bool {
+    let (Ok(list), Ok(back)) = (dataset.attr("DIMENSION_LIST"), scale.attr("REFERENCE_LIST"))
+    else {
+        return false;
+    };
+    let (Ok(of_list), Ok(of_back)) = (list.dtype(), back.dtype()) else { return false };
+    // SAFETY: the identifiers of the types are open while the types are borrowed, the super type is
+    // closed after its last use, and the lock excludes other threads.
+    let are_expected = hdf5::sync::sync(|| unsafe {
+        let class = H5Tget_class(of_list.id());
+        let element = if class == H5T_class_t::H5T_VLEN { H5Tget_super(of_list.id()) } else { -1 };
+        let refers = element >= 0 && H5Tget_class(element) == H5T_class_t::H5T_REFERENCE;
+        if element >= 0 {
+            H5Tclose(element);
+        }
+        let records = H5Tget_class(of_back.id()) == H5T_class_t::H5T_COMPOUND;
+        refers && records && H5Tget_nmembers(of_back.id()) == 2
+    });
+    are_expected && list.shape() == [dataset.ndim()]
 }
 
 /// Whether `dataset` is the scale of a dimension.

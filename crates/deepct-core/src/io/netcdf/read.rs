@@ -470,20 +470,29 @@ fn text_attribute(on: &Location, name: &str) -> Option<String> {
     }
     let text = match attribute.dtype().ok()?.to_descriptor().ok()? {
         TypeDescriptor::FixedAscii(length) if length <= LONGEST_TEXT => {
-            attribute.read_raw::<FixedAscii<LONGEST_TEXT>>().ok()?[0].as_str().to_owned()
+            decoded(attribute.read_raw::<FixedAscii<LONGEST_TEXT>>().ok()?[0].as_bytes())
         }
         TypeDescriptor::FixedUnicode(length) if length <= LONGEST_TEXT => {
-            attribute.read_raw::<FixedUnicode<LONGEST_TEXT>>().ok()?[0].as_str().to_owned()
+            decoded(attribute.read_raw::<FixedUnicode<LONGEST_TEXT>>().ok()?[0].as_bytes())
         }
         TypeDescriptor::VarLenAscii => {
-            attribute.read_raw::<VarLenAscii>().ok()?[0].as_str().to_owned()
+            decoded(attribute.read_raw::<VarLenAscii>().ok()?[0].as_bytes())
         }
         TypeDescriptor::VarLenUnicode => {
-            attribute.read_raw::<VarLenUnicode>().ok()?[0].as_str().to_owned()
+            decoded(attribute.read_raw::<VarLenUnicode>().ok()?[0].as_bytes())
         }
         _ => return None,
     };
     Some(text.trim().to_owned())
+}
+
+/// Text in UTF-8 or, if it is none, in Latin-1, in which older programs write the micro sign. HDF5
+/// does not check what a file declares as UTF-8.
+fn decoded(bytes: &[u8]) -> String {
+    match std::str::from_utf8(bytes) {
+        Ok(text) => text.to_owned(),
+        Err(_) => bytes.iter().map(|&byte| char::from(byte)).collect(),
+    }
 }
 
 /// The last part of an HDF5 path.
