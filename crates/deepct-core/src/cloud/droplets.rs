@@ -32,10 +32,12 @@ impl Microphysics {
     /// (g/m3, `[z, y, x]`). The effective variance is 0.1.
     ///
     /// # Errors
-    /// Returns an error if the number concentration is not positive and finite.
+    /// Returns an error if the number concentration is not from 0.1 to 100,000 per cm3.
     pub fn from_droplet_number(liquid_water_content: Array3<f32>, number: f64) -> Result<Self> {
-        if !(number.is_finite() && number > 0.0) {
-            return Err(Error::out_of_range("droplet number", number, "positive (per cm3)"));
+        if !(0.1..=1e5).contains(&number) {
+            let range =
+                "from 0.1 to 100000 per cm3 (the sea has about 50, the land several hundred)";
+            return Err(Error::out_of_range("droplet number", number, range));
         }
         let effective_radius =
             liquid_water_content.mapv(|water| self::effective_radius(water, number));

@@ -3,6 +3,7 @@
 
 use crate::cloud::Microphysics;
 use crate::error::{Error, Result};
+use crate::grid::Grid;
 use ndarray::Array3;
 use std::path::Path;
 
@@ -10,12 +11,20 @@ use std::path::Path;
 const LARGEST_EXTINCTION: f32 = 1e4;
 /// Largest plausible liquid water content (g/m3); that of the densest clouds is about 5.
 const LARGEST_WATER: f32 = 20.0;
+/// Smallest plausible maximum of the liquid water content of a cloud (g/m3).
+const LEAST_WATER: f32 = 1e-3;
 /// Range of plausible effective radii (um).
 const RADII: [f32; 2] = [1.0, 60.0];
 /// Droplets smaller than that are plausible in traces of water, up to this number per cm3.
 const LARGEST_NUMBER: f64 = 1e4;
 /// Range of plausible densities of air (kg/m3).
 const DENSITIES: [f32; 2] = [0.1, 2.0];
+/// Range of plausible sizes of voxels along x, y and z (km).
+const SIZES: [f64; 2] = [5e-4, 20.0];
+/// Range of plausible altitudes of a grid (km).
+const ALTITUDES: [f64; 2] = [-12.0, 60.0];
+/// Largest plausible effective variance.
+const LARGEST_VARIANCE: f32 = 1.0;
 /// Larger numbers are codes of missing values.
 const CODE: f32 = 1e15;
 
@@ -40,6 +49,36 @@ impl<'a> Checks<'a> {
         self.warnings
     }
 
+    /// Check the size of the voxels and the altitudes of a grid.
+    ///
+    /// # Errors
+    /// As [`Checks::lengths`].
+    pub(crate) fn grid(&mut self, grid: &Grid) -> Result<()> {
+        self.lengths(grid.spacing.to_array(), [grid.lower().z, grid.upper().z])
+    }
+
+    /// Check sizes of cells along x, y, z and the lowest and highest altitude (km).
+    ///
+    /// # Errors
+    /// Returns an error if one of them is implausible.
+    pub(crate) fn lengths(&mut self, sizes: [f64; 3], altitudes: [f64; 2]) -> Result<()> {
+        for (what, values, range) in
+            [("has cells of", &sizes[..], SIZES), ("reaches an altitude of", &altitudes, ALTITUDES)]
+        {
+            let [low, high] = range;
+            let plausible = |value: f64| (low..=high).contains(&value);
+            let Some(&value) = values.iter().find(|value| !plausible(**value)) else { continue };
+            let likely = match () {
+                () if plausible(1e-3 * value) => "the numbers may be in m",
+                () if plausible(1e3 * value) => "the numbers may be in km, but stated to be in m",
+                () => "the unit may be wrong",
+            };
+            let problem = format!("{what} {value} km, which is not from {low} to {high} km");
+            return self.refuse("grid", problem, likely.to_owned());
+        }
+        Ok(())
+    }
+
     /// Check the extinction, or its uncertainty (km-1).
     ///
     /// # Errors
@@ -60,7 +99,7 @@ impl<'a> Checks<'a> {
     /// # Errors
     /// Returns an error if a value is implausible.
     pub(crate) fn droplets(&mut self, droplets: &Microphysics) -> Result<()> {
-        let Microphysics { liquid_water_content, effective_radius, .. } = droplets;
+        let Microphysics { liquid_water_content, effective_radius, effective_variance } = droplets;
         for (voxel, &water) in liquid_water_content.indexed_iter() {
             let radius = effective_radius[voxel];
             let at = || text(voxel);
@@ -94,6 +133,14 @@ impl<'a> Checks<'a> {
                     ),
                 );
             }
+            let variance = effective_variance[voxel];
+            if water > 0.0 && variance > LARGEST_VARIANCE {
+                return self.refuse(
+                    "effective variance",
+                    format!("is {variance} at {}, more than {LARGEST_VARIANCE}", at()),
+                    "the column may hold another quantity".into(),
+                );
+            }
             let extinction = 1500.0 * water / radius;
             if water > 0.0 && extinction > LARGEST_EXTINCTION {
                 return self.refuse(
@@ -104,6 +151,20 @@ impl<'a> Checks<'a> {
             }
         }
         Ok(())
+    }
+
+    /// Check that a field that contains liquid water (g/m3) has more than traces of it somewhere: the
+    /// files of some models state g/kg, but contain kg/kg.
+    ///
+    /// # Errors
+    /// Returns an error if the largest value is implausibly small.
+    pub(crate) fn traces(&mut self, name: &str, values: &Array3<f32>) -> Result<()> {
+        let most = values.iter().copied().fold(0.0, f32::max);
+        if most == 0.0 || most >= LEAST_WATER {
+            return Ok(());
+        }
+        let problem = format!("is at most {most} g m-3, too little for a cloud");
+        self.refuse(name, problem, "the numbers may be in kg instead of g".into())
     }
 
     /// Check densities of air (kg/m3) of the variable or setting `name`.

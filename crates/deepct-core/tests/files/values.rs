@@ -582,3 +582,72 @@ fn dimensions_without_references_are_found_by_their_lengths() {
     });
     assert_eq!(read_volume(&path).unwrap(), before);
 }
+
+/// A variable whose standard name has a modifier, or which is described as ice or rain, is not the
+/// liquid water, whatever its name.
+#[test]
+fn names_of_other_water_are_not_the_liquid_water() {
+    let name = "mass_concentration_of_cloud_liquid_water_in_air";
+    let (_folder, path) = place("other.nc");
+    edited(&path, |file| {
+        set_text(file, "extinction", "standard_name", &format!("{name} standard_error"));
+        set_units(file, "extinction", "g m-3");
+        file.relink("extinction", "a_error").unwrap();
+    });
+    let (cloud, _) = import(&path, |_| {}).unwrap();
+    assert_close(&droplets(cloud).liquid_water_content, &water());
+    for (attribute, text) in [
+        ("standard_name", "mass_fraction_of_cloud_ice_in_air"),
+        ("standard_name", "mass_fraction_of_cloud_condensed_water_in_air"),
+        ("long_name", "rain water mixing ratio"),
+        ("long_name", "cloud ice"),
+        ("long_name", "liquid water tendency"),
+    ] {
+        edited(&path, |file| {
+            for name in ["standard_name", "long_name"] {
+                let _ = file.dataset("lwc").unwrap().delete_attr(name);
+            }
+            set_text(file, "lwc", attribute, text);
+            file.relink("lwc", "qc").unwrap();
+        });
+        check_refusal(import(&path, |_| {}), &path, "no variable is identified");
+    }
+}
+
+/// The names that models give to effective radii.
+#[test]
+fn radii_have_many_names() {
+    let (_folder, path) = place("radii.nc");
+    for name in ["re_cloud", "RE_CLOUD", "r_eff", "effr", "cloud_effective_radius"] {
+        edited(&path, |file| {
+            let _ = file.dataset("reff").unwrap().delete_attr("standard_name");
+            let _ = file.dataset("reff").unwrap().delete_attr("long_name");
+            file.relink("reff", name).unwrap();
+        });
+        let (cloud, _) = import(&path, |_| {}).unwrap();
+        assert_eq!(droplets(cloud).effective_radius[MIDDLE], 8.0, "{name}");
+    }
+}
+
+/// Lengths, altitudes, numbers and variances far from those of clouds are in another unit.
+#[test]
+fn implausible_lengths_and_numbers_are_refused() {
+    let (_folder, path) = place("metres.txt");
+    let text =
+        |steps: &str, levels: &str, row: &str| format!("# c\n3 2 3\n{steps} {levels}\n{row}\n");
+    let refused = |text: String, words: &str| {
+        std::fs::write(&path, text).unwrap();
+        check_refusal(import(&path, |_| {}), &path, words);
+    };
+    let row = "0 0 1 0.25 8";
+    refused(text("50 50", "500 540 580", row), "the numbers may be in m");
+    refused(text("0.05 0.05", "500 540 580", row), "the numbers may be in m");
+    refused(text("5e-5 5e-5", "0.5 0.54 0.58", row), "the numbers may be in km, but stated");
+    refused(text("0.05 0.05", "0.5 0.54 0.58", "0 0 1 0.25 8 280"), "effective variance");
+    let (_folder, path) = place("kg.nc");
+    edited(&path, |file| scale(file, "lwc", 1e-3, "g m-3"));
+    check_refusal(import(&path, |_| {}), &path, "the numbers may be in kg instead of g");
+    edited(&path, |_| ());
+    let number = |settings: &mut ImportSettings| settings.droplets_per_cm3 = Some(4e-4);
+    assert!(import(&path, number).unwrap_err().to_string().contains("droplet number"));
+}

@@ -22,11 +22,23 @@ const DENSITY_NAMES: [&str; 7] = ["rho", "density", "rhoref", "rhobf", "rho0", "
 const OTHER_DENSITIES: [&str; 9] =
     ["water", "liquid", "ice", "rain", "snow", "droplet", "aerosol", "potential", "cloud"];
 /// Customary names of the effective radius.
-const RADIUS_NAMES: [&str; 4] = ["reff", "re", "rel", "effective_radius"];
+const RADIUS_NAMES: [&str; 11] = [
+    "reff",
+    "re",
+    "rel",
+    "effective_radius",
+    "re_cloud",
+    "r_eff",
+    "effr",
+    "reffc",
+    "effc",
+    "effcl",
+    "cloud_effective_radius",
+];
 /// Customary names of the effective variance.
 const VARIANCE_NAMES: [&str; 2] = ["veff", "effective_variance"];
 /// Customary names of the droplet number concentration.
-const NUMBER_NAMES: [&str; 5] = ["nc", "cdnc", "nd", "qnc", "qncloud"];
+const NUMBER_NAMES: [&str; 6] = ["nc", "cdnc", "nd", "qnc", "qncloud", "ndrop"];
 
 /// Names of the bins of a droplet spectrum without their numbers, which start at 01: those of the
 /// spectral bin microphysics of WRF (Khain et al. 2004).
@@ -85,6 +97,10 @@ pub fn read_les(path: impl AsRef<Path>, settings: &ImportSettings) -> Result<(Cl
     let x_edges = uniform_edges(x_edge + dx * crop.x0 as f64, dx, crop.nx);
     let y_edges = uniform_edges(y_edge + dy * crop.y0 as f64, dy, crop.ny);
     let grid = grid_over([&z_edges, &y_edges, &x_edges], settings, path)?;
+    let height = z_edges[z_edges.len() - 1] - z_edges[0];
+    let level = height / (z_edges.len() - 1) as f64;
+    checks.lengths([dx, dy, level], [z_edges[0], z_edges[z_edges.len() - 1]])?;
+    checks.grid(&grid)?;
     let window = Window {
         time: layout.check_time(&water, settings.time)?,
         levels: levels_within(&z_edges, &grid),
@@ -96,6 +112,7 @@ pub fn read_les(path: impl AsRef<Path>, settings: &ImportSettings) -> Result<(Cl
     let mut simulation = Simulation { input: &input, settings, layout, window, checks };
     let droplets = if bins.is_empty() {
         let mut content = simulation.concentration(&water)?;
+        simulation.checks.traces(&water.name, &content)?;
         let Some(effective_radius) = simulation.effective_radius(&mut content)? else {
             let content = resample(&content, edges, &grid)?;
             let number = settings.droplets_per_cm3.unwrap_or(DROPLETS_PER_CM3);
@@ -155,9 +172,10 @@ fn identify_water<'a>(input: &'a Input, checks: &mut Checks) -> Result<Variable<
     let possible = |variable: &Variable| {
         let unit = variable.unit_text().as_deref().and_then(Unit::parse);
         unit.is_none_or(|unit| is_density(&unit) || unit.is_mass_ratio())
-            && !["tendency", "_flux", "_rate"]
-                .iter()
-                .any(|word| variable.text("standard_name").unwrap_or_default().contains(word))
+            && !is_other_water(
+                &variable.text("standard_name").unwrap_or_default(),
+                &variable.text("long_name").unwrap_or_default(),
+            )
     };
     let variables: Vec<_> = input
         .names()
@@ -222,6 +240,26 @@ fn identify_water<'a>(input: &'a Input, checks: &mut Checks) -> Result<Variable<
             &format!("specify it with --variable; the file has: {}", input.names().join(", ")),
         )),
     }
+}
+
+/// Whether the CF `standard_name` or the `long_name` of a variable is that of another quantity than
+/// the liquid water of clouds.
+fn is_other_water(standard: &str, long: &str) -> bool {
+    let words = |text: &str| -> Vec<String> {
+        let letters = |letter: char| !letter.is_alphabetic();
+        text.to_lowercase().split(letters).map(str::to_owned).collect()
+    };
+    let has = |words: &[String], any: &[&str]| any.iter().any(|one| words.iter().any(|w| w == one));
+    let (standard_words, long_words) = (words(standard), words(long));
+    let others = ["ice", "rain", "snow", "graupel", "hail", "vapor", "vapour", "condensed"];
+    // A standard name may be followed by a modifier, such as standard_error.
+    standard.trim().contains(' ')
+        || has(&standard_words, &others)
+        || has(&standard_words, &["tendency", "flux", "rate"])
+        || has(&long_words, &["tendency", "perturbation"])
+        || (has(&long_words, &others) && !has(&long_words, &["cloud", "liquid", "water"]))
+        || (has(&long_words, &["rain", "snow", "graupel", "hail"]) && !has(&long_words, &["cloud"]))
+        || (has(&long_words, &["ice"]) && !has(&long_words, &["liquid", "water"]))
 }
 
 fn is_density(unit: &Unit) -> bool {

@@ -81,7 +81,10 @@ pub fn read_text(
     let axis =
         |step: f64, first: usize, count| uniform_edges(step * (first as f64 - 0.5), step, count);
     let (y, x) = (axis(header.dy, crop.y0, crop.ny), axis(header.dx, crop.x0, crop.nx));
+    let level = (z[z.len() - 1] - z[0]) / (z.len() - 1) as f64;
+    checks.lengths([header.dx, header.dy, level], [z[0], z[z.len() - 1]])?;
     let grid = grid_over([&z, &y, &x], settings, path)?;
+    checks.grid(&grid)?;
     let cloud = resample_droplets(&droplets, [&z, &y, &x], &grid)?;
     let cloud = match (settings.droplets_per_cm3, cloud.microphysics) {
         (Some(number), Some(droplets)) => Cloud::from_microphysics(

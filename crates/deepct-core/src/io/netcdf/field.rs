@@ -103,6 +103,7 @@ fn checked_cloud(path: &Path, checks: &mut Checks) -> Result<Cloud> {
         return Err(input.error("extinction, lwc", "both are missing", &remedy));
     }
     let grid = grid_of(&input.variable(if water { "lwc" } else { "extinction" })?, &input)?;
+    checks.grid(&grid)?;
     let mut cloud = Cloud { grid, microphysics: None, extinction: None };
     if water {
         let liquid_water_content = read("lwc", "g m-3")?;
@@ -185,7 +186,9 @@ pub fn read_volume(path: impl AsRef<Path>) -> Result<Volume> {
     let values = variable.reals_3d_in("km-1")?;
     let volume = Volume::new(grid_of(&variable, &input)?, values)?;
     volume.check_non_negative("extinction").map_err(Error::in_file(path))?;
-    Checks::new(path, false).extinction("extinction", &volume.values)?;
+    let mut checks = Checks::new(path, false);
+    checks.grid(&volume.grid)?;
+    checks.extinction("extinction", &volume.values)?;
     Ok(volume)
 }
 
@@ -262,11 +265,15 @@ pub fn read_grid(path: impl AsRef<Path>) -> Result<Grid> {
         let settings: GridSettings = crate::files::read_toml(path, "grid", remedy)?;
         let origin = DVec3::from_array(settings.origin_km);
         let spacing = DVec3::from_array(settings.spacing_km);
-        return Grid::new(origin, spacing, settings.shape).map_err(Error::in_file(path));
+        let grid = Grid::new(origin, spacing, settings.shape).map_err(Error::in_file(path))?;
+        Checks::new(path, false).grid(&grid)?;
+        return Ok(grid);
     }
     let input = Input::open(path)?;
     let [z, y, x] = AXES.map(|name| input.variable_on(name, &[name]));
-    grid_from_axes(&input, [z?, y?, x?])
+    let grid = grid_from_axes(&input, [z?, y?, x?])?;
+    Checks::new(path, false).grid(&grid)?;
+    Ok(grid)
 }
 
 /// Write the coordinates of voxel centres. Spacing and lower edge are recorded as attributes so
