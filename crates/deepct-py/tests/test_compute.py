@@ -8,6 +8,7 @@ import time
 import deepct_py as deepct
 import numpy as np
 import pytest
+import xarray
 
 GRID = deepct.Grid((16, 16, 16), (0.05, 0.05, 0.04), (-0.4, -0.4, 0.5))
 
@@ -118,3 +119,36 @@ def test_sizes_above_the_memory_are_refused():
         deepct.Grid((2**20, 2**11, 1), (0.05, 0.05, 0.04), (0.0, 0.0, 0.0)).x
     with pytest.raises(ValueError, match="memory"):
         deepct.View.perspective((0, 0, 600), (0, 0, 1), 1e-4, (2**40, 2**40))
+
+
+def test_units_of_arrays_are_those_of_the_argument(scene):
+    cloud, views, _ = scene
+    extinction = cloud.extinction
+    axes = ("z", "y", "x")
+    own = xarray.DataArray(extinction, dims=axes, attrs={"units": "km-1"})
+    assert deepct.score(own, extinction).relative_error == 0.0
+    metres = xarray.DataArray(extinction / 1000.0, dims=axes, attrs={"units": "m-1"})
+    with pytest.raises(ValueError, match='has the units "m-1", but km-1 is expected'):
+        deepct.render(metres, GRID, views, samples_per_pixel=2)
+    downwards = own.assign_coords(z=-np.arange(float(len(extinction))))
+    with pytest.raises(ValueError, match="along z that do not ascend"):
+        deepct.score(downwards, extinction)
+    mie = deepct.Light(phase="mie")
+    radii = np.full(extinction.shape, 8e-6, np.float32)
+    with pytest.raises(ValueError, match="from 0.1 to 100"):
+        deepct.render(extinction, GRID, views, mie, effective_radius=radii, samples_per_pixel=2)
+
+
+def test_lists_of_masked_arrays_are_refused(scene):
+    extinction = scene[0].extinction
+    parts = [np.ma.masked_greater(level, 1.0) for level in extinction]
+    with pytest.raises(ValueError, match="masked"):
+        deepct.score(extinction, parts)
+
+
+def test_voxels_that_are_too_thick_are_told(scene):
+    _, views, _ = scene
+    grid = deepct.Grid((2, 2, 2), (0.05, 0.05, 0.04), (-0.05, -0.05, 0.5))
+    thick = np.full(grid.shape, 1000.0, np.float32)
+    with pytest.warns(UserWarning, match="voxels are too thick"):
+        deepct.render(thick, grid, views, solver="ordinates", accuracy=0.05)

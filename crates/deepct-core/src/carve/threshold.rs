@@ -7,6 +7,9 @@ const DEVIATIONS: f64 = 3.0;
 /// Smallest height of the threshold above the background, relative to the background: the light
 /// that clouds scatter onto adjacent clear pixels is less than this.
 const LEAST_RISE: f64 = 0.05;
+/// Height of the threshold above the background in grey levels, where most of the background has
+/// the same one: its noise is then at most about one grey level.
+const LEVELS: f64 = 3.0;
 /// Standard deviation of a normal distribution divided by its median absolute deviation.
 const DEVIATIONS_PER_MEDIAN: f64 = 1.482_6;
 
@@ -16,7 +19,9 @@ const DEVIATIONS_PER_MEDIAN: f64 = 1.482_6;
 /// The background is the densest part of the distribution, found as its half-sample mode (Robertson
 /// and Cryer 1974). Its spread is the median absolute deviation on the narrower of its two sides,
 /// because clouds broaden the upper side and their shadows the lower one. The threshold is three
-/// standard deviations above the background, and at least a twentieth of it.
+/// standard deviations above the background, and at least a twentieth of it. If more than half of
+/// the background has the same grey level, its spread is not known, and the threshold is three grey
+/// levels above it.
 ///
 /// Methods that split the histogram into two classes (Otsu 1979) are unsuitable: over a dark ocean
 /// surface, the two classes are the shadows and all other pixels. If the images contain no clear
@@ -31,8 +36,20 @@ pub fn cloud_threshold(images: &ViewStack) -> f32 {
     let median = |side: &[f64]| side.get(side.len() / 2).map(|middle| (middle - background).abs());
     let narrower =
         [median(below), median(above)].into_iter().flatten().fold(f64::INFINITY, f64::min);
-    let rise = DEVIATIONS * DEVIATIONS_PER_MEDIAN * narrower;
+    let brightest = sorted.last().copied().unwrap_or(background);
+    let rise = match narrower {
+        // Images of very few grey levels are separated in the middle.
+        0.0 => (LEVELS * grey_level(&sorted)).min(0.5 * (brightest - background)),
+        _ => DEVIATIONS * DEVIATIONS_PER_MEDIAN * narrower,
+    };
     (background + rise.max(LEAST_RISE * background.abs())) as f32
+}
+
+/// The smallest difference between sorted values that are not equal: for quantised images, a grey
+/// level. Zero if all values are equal.
+fn grey_level(sorted: &[f64]) -> f64 {
+    let steps = sorted.windows(2).map(|pair| pair[1] - pair[0]).filter(|step| *step > 0.0);
+    steps.reduce(f64::min).unwrap_or(0.0)
 }
 
 /// The half-sample mode of sorted values: the half of the values that lie closest together is
@@ -93,6 +110,24 @@ mod tests {
         assert!((threshold / 0.0138 - 1.05).abs() < 1e-4, "{threshold}");
         let dark = ViewStack::new(Array3::zeros((2, 3, 4))).unwrap();
         assert_eq!(cloud_threshold(&dark), 0.0);
+    }
+
+    /// Images of a dark scene by a sensor whose noise is below one grey level.
+    #[test]
+    fn a_background_of_one_grey_level_has_the_noise_of_the_quantisation() {
+        let (level, noise) = (0.001, Normal::new(0.0, 0.6e-3).unwrap());
+        let mut random = stream(2, Purpose::Sensor, &[]);
+        let radiance = |number: usize| if number < 800 { 0.01 + 1e-4 * number as f64 } else { 0.0 };
+        let values: Vec<f32> = (0..10_000)
+            .map(|number| radiance(number) + noise.sample(&mut random))
+            .map(|radiance| (level * (radiance / level).round()) as f32)
+            .collect();
+        let images =
+            ViewStack::new(Array3::from_shape_vec((1, 100, 100), values).unwrap()).unwrap();
+        let threshold = cloud_threshold(&images);
+        assert!((f64::from(threshold) / (3.0 * level) - 1.0).abs() < 1e-3, "{threshold}");
+        let above = images.values.iter().skip(800).filter(|value| **value > threshold).count();
+        assert!(above < 5, "{above}");
     }
 
     #[test]

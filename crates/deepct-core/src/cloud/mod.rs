@@ -59,6 +59,10 @@ impl Microphysics {
     }
 }
 
+/// Range of effective radii of droplets (um). Smaller numbers are often in m, larger ones in nm.
+const LEAST_RADIUS: f32 = 0.1;
+const MOST_RADIUS: f32 = 100.0;
+
 impl Cloud {
     /// The mean effective radius of the cloud (um), weighted by the extinction; `None`
     /// without droplets.
@@ -128,7 +132,7 @@ impl Cloud {
         let extinctions = cloud.extinction.iter().flatten();
         let unknown =
             extinctions.zip(effective_radius.indexed_iter()).find(|(extinction, radius)| {
-                **extinction > 0.0 && !(radius.1.is_finite() && *radius.1 > 0.0)
+                **extinction > 0.0 && !(LEAST_RADIUS..=MOST_RADIUS).contains(radius.1)
             });
         if let Some((extinction, ((k, j, i), radius))) = unknown {
             return Err(Error::out_of_range(
@@ -136,7 +140,7 @@ impl Cloud {
                 format!(
                     "{radius} at voxel [z {k}, y {j}, x {i}], where the extinction is {extinction}"
                 ),
-                "positive (um) where there is extinction",
+                format!("from {LEAST_RADIUS} to {MOST_RADIUS} (um) where there is extinction"),
             ));
         }
         let droplets = Microphysics {

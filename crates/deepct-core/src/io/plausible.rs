@@ -8,7 +8,7 @@ use ndarray::Array3;
 use std::path::Path;
 
 /// Largest plausible extinction (km-1); that of the densest clouds is a few hundred.
-const LARGEST_EXTINCTION: f32 = 1e4;
+pub(crate) const LARGEST_EXTINCTION: f32 = 1e4;
 /// Largest plausible liquid water content (g/m3); that of the densest clouds is about 5.
 const LARGEST_WATER: f32 = 20.0;
 /// Smallest plausible maximum of the liquid water content of a cloud (g/m3).

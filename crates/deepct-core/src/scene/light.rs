@@ -353,12 +353,7 @@ impl DropletOpticsModel {
         if !by_mie && self.bandwidth != 0.0 {
             return unused("optics.bandwidth", self.bandwidth, "optics that are not by Mie theory");
         }
-        match self.effective_variance {
-            Some(variance) if !by_mie => {
-                unused("optics.effective_variance", variance, "optics that are not by Mie theory")
-            }
-            _ => Ok(()),
-        }
+        Ok(())
     }
 }
 

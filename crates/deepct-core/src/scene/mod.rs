@@ -136,12 +136,39 @@ pub struct Observation {
     pub standard_error: Option<ViewStack>,
 }
 
+/// Largest plausible radiance (1/sr) for a solar irradiance of 1. That of clouds is below 1, that of
+/// the sea glint below 100.
+const BRIGHTEST: f32 = 100.0;
+/// Largest plausible magnitude of a negative radiance relative to the largest positive one.
+const DARKEST: f32 = 10.0;
+
+/// Returns an error if a radiance is one that neither light nor noise explains, but the code of a
+/// missing value.
+fn check_radiances(images: &ViewStack, irradiance: f64) -> Result<()> {
+    let brightest = images.brightest();
+    let most = BRIGHTEST * irradiance as f32;
+    let implausible =
+        |value: f32| value > most || (brightest > 0.0 && value < -DARKEST * brightest);
+    match images.values.indexed_iter().find(|(_, value)| implausible(**value)) {
+        None => Ok(()),
+        Some(((view, row, col), value)) => Err(Error::out_of_range(
+            "radiance",
+            format!("{value} at [view {view}, row {row}, col {col}]"),
+            format!(
+                "a radiance of sunlight (at most {most} for the solar irradiance {irradiance}): it \
+                 may be the code of a missing value, or in another unit than the irradiance"
+            ),
+        )),
+    }
+}
+
 impl Observation {
     /// An observation without standard error. If `light` is a [`Sun`], all other properties of the
     /// scene illumination have their default values.
     ///
     /// # Errors
-    /// Returns an error if the number or the size of the images does not match the views.
+    /// Returns an error if the number or the size of the images does not match the views, or if a
+    /// radiance is not that of sunlight.
     pub fn new(light: impl Into<Light>, views: Vec<View>, images: ViewStack) -> Result<Self> {
         let [count, rows, cols] = images.shape();
         if views.len() != count {
@@ -161,6 +188,7 @@ impl Observation {
             ));
         }
         let light = light.into();
+        check_radiances(&images, light.sun.irradiance)?;
         Ok(Self { light, assumed: Vec::new(), views, images, standard_error: None })
     }
 

@@ -75,10 +75,10 @@ pub struct Rendering {
 /// hardly end.
 const THICKEST_VOXEL: f64 = 1e5;
 
-/// Largest delta-M scaled optical depth of a cell with which images are accurate. The radiance of a
+/// Largest delta-M scaled optical depth of a cell with which images are usable. The radiance of a
 /// layer is 1 % too low with 0.9, 3 % with 1.8, 4 % with 3.6 and 60 % with 450
-/// (`docs/notes/deterministic_solver.md`, "Thick layers").
-const THICK_CELL: f64 = 1.5;
+/// (`docs/notes/deterministic_solver.md`, "Thick layers"). Cells of 2 are a setting.
+const THICK_CELL: f64 = 2.5;
 
 impl Rendering {
     /// Reasons why images by the discrete-ordinates solver may be wrong, as sentences.

@@ -6,7 +6,7 @@ use super::{Input, Provenance, Variable, edge_and_spacing};
 use crate::cloud::{Cloud, EFFECTIVE_VARIANCE, Microphysics};
 use crate::error::{Error, Result};
 use crate::grid::{Grid, Mask, Volume};
-use crate::io::plausible::Checks;
+use crate::io::plausible::{Checks, LARGEST_EXTINCTION};
 use crate::math::DVec3;
 use crate::network::Estimate;
 use crate::scene::Observation;
@@ -171,6 +171,11 @@ pub fn write_estimate(
 pub(super) fn put_volume(output: &mut Output, volume: &Volume) -> Result<()> {
     // The readers refuse what is not an extinction; some networks may estimate such values.
     volume.check_non_negative("extinction")?;
+    if let Some(most) = volume.values.iter().copied().find(|value| *value > LARGEST_EXTINCTION) {
+        let range = "at most 10000 km-1: the images may be in another unit, or contain the code of a \
+                     missing value";
+        return Err(Error::out_of_range("extinction", format!("{most:e} km-1"), range));
+    }
     write_axes(output, &volume.grid)?;
     output.variable("extinction", &AXES, &volume.values, EXTINCTION)
 }
