@@ -10,49 +10,62 @@ const OUTPUTS: [&str; 3] = ["--out", "--png", "--exr"];
 /// Ending of the checkpoint that is kept beside an output and removed at the end.
 const CHECKPOINT: &str = ".checkpoint";
 
+/// A value on the command line, which may be a file.
+struct Argument {
+    /// The option before it, with its hyphens; empty for a positional argument.
+    option: String,
+    value: OsString,
+}
+
+impl Argument {
+    fn is_output(&self) -> bool {
+        OUTPUTS.contains(&self.option.as_str())
+    }
+
+    /// The absolute path of the file, if there is one or if it will be written.
+    fn place(&self) -> Option<PathBuf> {
+        let is_file = self.is_output() || Path::new(&self.value).is_file();
+        is_file.then(|| place(&self.value)).flatten()
+    }
+}
+
 /// Returns an error if an output of a command line is also one of its inputs, which would be lost,
 /// or another output.
-pub(crate) fn check_outputs(arguments: impl IntoIterator<Item = OsString>) -> Result<()> {
-    let mut files = Vec::new();
-    let mut option = None;
-    for argument in arguments.into_iter().skip(1) {
-        let text = argument.to_string_lossy();
-        match text.split_once('=') {
-            Some((name, value)) if name.starts_with("--") => {
-                files.push((Some(name.to_owned()), PathBuf::from(value)));
-                option = None;
-            }
-            _ if text.starts_with("--") => option = Some(text.into_owned()),
-            _ => files.push((option.take(), PathBuf::from(argument))),
-        }
-    }
-    let is_output =
-        |option: &Option<String>| option.as_deref().is_some_and(|option| OUTPUTS.contains(&option));
-    for (number, (option, out)) in files.iter().enumerate().filter(|(_, (name, _))| is_output(name))
-    {
-        let [place, checkpoint] = [out.as_os_str(), &with_ending(out)].map(place);
-        for (_, (other, file)) in files.iter().enumerate().filter(|(at, _)| *at != number) {
-            let found = place_of_file(file, is_output(other));
-            if found.is_some() && (found == place || found == checkpoint) {
-                let what = if is_output(other) { "another output" } else { "an input" };
+pub(crate) fn check_outputs(command_line: impl IntoIterator<Item = OsString>) -> Result<()> {
+    let arguments = split(command_line);
+    for (number, out) in arguments.iter().enumerate().filter(|(_, argument)| argument.is_output()) {
+        let mut checkpoint = out.value.clone();
+        checkpoint.push(CHECKPOINT);
+        let lost = [out.place(), place(&checkpoint)];
+        let others = arguments.iter().enumerate().filter(|(other, _)| *other != number);
+        for (_, other) in others {
+            let found = other.place();
+            if found.is_some() && lost.contains(&found) {
+                let what = if other.is_output() { "another output" } else { "an input" };
                 let problem = format!("is {what} of this command, which would be lost");
-                let field = option.clone().unwrap_or_default();
-                return Err(Error::file(out, field, problem, "give another name"));
+                return Err(Error::file(&out.value, &out.option, problem, "give another name"));
             }
         }
     }
     Ok(())
 }
 
-fn with_ending(out: &Path) -> OsString {
-    let mut name = out.as_os_str().to_owned();
-    name.push(CHECKPOINT);
-    name
-}
-
-/// The absolute path of a file that exists, or that will be written.
-fn place_of_file(file: &Path, is_output: bool) -> Option<PathBuf> {
-    if is_output || file.is_file() { place(file.as_os_str()) } else { None }
+/// The values on a command line with their options, given as `--option value` or `--option=value`.
+fn split(command_line: impl IntoIterator<Item = OsString>) -> Vec<Argument> {
+    let mut arguments = Vec::new();
+    let mut option = String::new();
+    for argument in command_line.into_iter().skip(1) {
+        let text = argument.to_string_lossy();
+        match text.split_once('=') {
+            Some((name, value)) if name.starts_with("--") => {
+                arguments.push(Argument { option: name.into(), value: value.into() });
+                option.clear();
+            }
+            _ if text.starts_with("--") => option = text.into_owned(),
+            _ => arguments.push(Argument { option: std::mem::take(&mut option), value: argument }),
+        }
+    }
+    arguments
 }
 
 /// An absolute path without links, whether the file exists or not.
