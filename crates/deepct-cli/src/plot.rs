@@ -27,7 +27,7 @@ pub(crate) struct Args {
 /// Content of a file that can be drawn.
 enum Content {
     Volume(Volume),
-    Images(Observation),
+    Images(Box<Observation>),
 }
 
 pub(crate) fn run(args: &Args) -> Result<Outcome> {
@@ -69,7 +69,7 @@ fn read_content(path: &Path, light: &Light) -> Result<Content> {
         Err(problem) => problem,
     };
     match read_observation(path) {
-        Ok(observation) => Ok(Content::Images(observation)),
+        Ok(observation) => Ok(Content::Images(Box::new(observation))),
         Err(Error::File { field, problem: missing, .. })
             if field == "radiance" && missing == "is missing" =>
         {

@@ -10,10 +10,11 @@ use deepct_core::Error;
 use deepct_core::cloud::Cloud;
 use deepct_core::grid::Volume;
 use deepct_core::optics::Interpolation;
-use deepct_core::scene::PhaseModel;
+use deepct_core::scene::{Boundary, PhaseModel};
 use deepct_core::transport::{self, MonteCarloSettings, OrdinatesSettings, Solver};
 use numpy::PyArray3;
-use pyo3::exceptions::PyUserWarning;
+use numpy::ndarray::{Array3, Axis};
+use pyo3::exceptions::{PyUserWarning, PyValueError};
 use pyo3::prelude::*;
 use std::ffi::CString;
 
@@ -98,8 +99,8 @@ pub(crate) struct Rendering {
 /// Raises
 /// ------
 /// ValueError
-///     The shape of an array is not that of the grid, an extinction is negative or not finite, or
-///     a parameter is out of range.
+///     The shape of an array is not that of the grid, an extinction is negative or not finite, a
+///     trilinear field is not surrounded by clear voxels, or a parameter is out of range.
 #[pyfunction]
 #[pyo3(signature = (
     extinction, grid, views, light = None, *, solver = "monte-carlo", samples_per_pixel = None,
@@ -166,6 +167,9 @@ pub(crate) fn render(
         warn_of_waves(py, &light)?;
     }
     let interpolation = if trilinear { Interpolation::Trilinear } else { Interpolation::Constant };
+    if trilinear {
+        check_edges(&extinction, light.boundary)?;
+    }
     let (rendering, light) = at_length(py, |stop| {
         let extinction = Volume::new(grid.0, extinction)?;
         let cloud = match radii {
@@ -187,4 +191,20 @@ pub(crate) fn render(
         light: Light(light),
         estimated_error: rendering.estimated_error,
     })
+}
+
+/// Refuse a trilinear medium whose outermost voxels are not clear: it ends at their centres, so that
+/// half of them would be lost.
+fn check_edges(extinction: &Array3<f32>, boundary: Boundary) -> PyResult<()> {
+    let axes: &[usize] = if boundary == Boundary::Periodic { &[0] } else { &[0, 1, 2] };
+    let outermost = axes.iter().flat_map(|&axis| {
+        let axis = Axis(axis);
+        [0, extinction.len_of(axis) - 1].map(|index| extinction.index_axis(axis, index))
+    });
+    if outermost.flatten().all(|value| *value == 0.0) {
+        return Ok(());
+    }
+    let problem = "extinction is not zero in the outermost voxels, but a trilinear medium ends at their \
+                   centres: surround it by clear voxels";
+    Err(PyValueError::new_err(problem))
 }

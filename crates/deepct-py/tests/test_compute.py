@@ -152,3 +152,13 @@ def test_voxels_that_are_too_thick_are_told(scene):
     thick = np.full(grid.shape, 1000.0, np.float32)
     with pytest.warns(UserWarning, match="voxels are too thick"):
         deepct.render(thick, grid, views, solver="ordinates", accuracy=0.05)
+
+
+def test_a_trilinear_medium_is_surrounded_by_clear_voxels(scene):
+    _, views, _ = scene
+    full = np.ones(GRID.shape, np.float32)
+    with pytest.raises(ValueError, match="surround it by clear voxels"):
+        deepct.render(full, GRID, views, trilinear=True, samples_per_pixel=2)
+    inner = np.zeros(GRID.shape, np.float32)
+    inner[1:-1, 1:-1, 1:-1] = 1.0
+    deepct.render(inner, GRID, views, trilinear=True, samples_per_pixel=2)
