@@ -73,7 +73,9 @@ pub struct Carved {
 /// As [`CarveSettings::check`].
 pub fn carve(observation: &Observation, grid: &Grid, settings: &CarveSettings) -> Result<Carved> {
     settings.check()?;
-    let threshold = settings.threshold.unwrap_or_else(|| cloud_threshold(&observation.images));
+    let Observation { images, standard_error, .. } = observation;
+    let threshold =
+        settings.threshold.unwrap_or_else(|| cloud_threshold(images, standard_error.as_ref()));
     let cloudy: Vec<CloudyPixels> = (0..observation.views.len())
         .map(|view| observation.images.image(view).mapv(|radiance| radiance > threshold))
         .map(CloudyPixels::new)

@@ -21,12 +21,13 @@ const DEVIATIONS_PER_MEDIAN: f64 = 1.482_6;
 /// because clouds broaden the upper side and their shadows the lower one. The threshold is three
 /// standard deviations above the background, and at least a twentieth of it. If more than half of
 /// the background has the same grey level, its spread is not known, and the threshold is three grey
-/// levels above it.
+/// levels above it. With the `standard_error` of the images (1/sr), it is at least three times that
+/// of the background above it: sensors cut off the noise of dark pixels at zero.
 ///
 /// Methods that split the histogram into two classes (Otsu 1979) are unsuitable: over a dark ocean
 /// surface, the two classes are the shadows and all other pixels. If the images contain no clear
 /// sky, there is no background, and the threshold must be given explicitly.
-pub fn cloud_threshold(images: &ViewStack) -> f32 {
+pub fn cloud_threshold(images: &ViewStack, standard_error: Option<&ViewStack>) -> f32 {
     let mut sorted: Vec<f64> = images.values.iter().map(|&radiance| f64::from(radiance)).collect();
     sorted.sort_by(f64::total_cmp);
     let background = half_sample_mode(&sorted);
@@ -42,7 +43,15 @@ pub fn cloud_threshold(images: &ViewStack) -> f32 {
         0.0 => (LEVELS * grey_level(&sorted)).min(0.5 * (brightest - background)),
         _ => DEVIATIONS * DEVIATIONS_PER_MEDIAN * narrower,
     };
-    (background + rise.max(LEAST_RISE * background.abs())) as f32
+    let noise = standard_error.map_or(0.0, |errors| {
+        let pixels = images.values.iter().zip(&errors.values);
+        let dark = pixels.filter(|(radiance, _)| f64::from(**radiance) <= background);
+        let mut noise: Vec<f64> = dark.map(|(_, error)| f64::from(*error)).collect();
+        noise.sort_by(f64::total_cmp);
+        noise.get(noise.len() / 2).copied().unwrap_or(0.0)
+    });
+    let rise = rise.max(LEAST_RISE * background.abs()).max(DEVIATIONS * noise);
+    (background + rise) as f32
 }
 
 /// The smallest difference between sorted values that are not equal: for quantised images, a grey
@@ -90,7 +99,7 @@ mod tests {
 
     #[test]
     fn the_threshold_is_three_deviations_above_the_background() {
-        let threshold = f64::from(cloud_threshold(&images(0.0005, 0, 0)));
+        let threshold = f64::from(cloud_threshold(&images(0.0005, 0, 0), None));
         assert!((threshold - 0.0153).abs() < 0.0002, "{threshold}");
     }
 
@@ -99,17 +108,17 @@ mod tests {
     #[test]
     fn clouds_and_their_shadows_do_not_hide_the_background() {
         for (shadows, clouds) in [(2000, 500), (500, 2000), (1700, 1700), (0, 4000), (4000, 0)] {
-            let threshold = f64::from(cloud_threshold(&images(0.0005, shadows, clouds)));
+            let threshold = f64::from(cloud_threshold(&images(0.0005, shadows, clouds), None));
             assert!((0.0148..0.0165).contains(&threshold), "{shadows} {clouds} {threshold}");
         }
     }
 
     #[test]
     fn without_noise_a_twentieth_above_the_background() {
-        let threshold = f64::from(cloud_threshold(&images(0.0, 1000, 1000)));
+        let threshold = f64::from(cloud_threshold(&images(0.0, 1000, 1000), None));
         assert!((threshold / 0.0138 - 1.05).abs() < 1e-4, "{threshold}");
         let dark = ViewStack::new(Array3::zeros((2, 3, 4))).unwrap();
-        assert_eq!(cloud_threshold(&dark), 0.0);
+        assert_eq!(cloud_threshold(&dark, None), 0.0);
     }
 
     /// Images of a dark scene by a sensor whose noise is below one grey level.
@@ -124,7 +133,9 @@ mod tests {
             .collect();
         let images =
             ViewStack::new(Array3::from_shape_vec((1, 100, 100), values).unwrap()).unwrap();
-        let threshold = cloud_threshold(&images);
+        let threshold = cloud_threshold(&images, None);
+        let errors = ViewStack::new(images.values.mapv(|_| 0.002)).unwrap();
+        assert!((cloud_threshold(&images, Some(&errors)) - 0.006).abs() < 1e-6);
         assert!((f64::from(threshold) / (3.0 * level) - 1.0).abs() < 1e-3, "{threshold}");
         let above = images.values.iter().skip(800).filter(|value| **value > threshold).count();
         assert!(above < 5, "{above}");

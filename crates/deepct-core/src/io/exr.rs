@@ -64,7 +64,7 @@ mod tests {
         let views = angles.map(|(zenith, azimuth)| {
             View::orthographic(towards(zenith, azimuth), DVec3::ZERO, 0.05, [3, 5]).unwrap()
         });
-        let radiance = Array3::from_shape_fn((2, 3, 5), |(v, r, c)| (100 * v + 10 * r + c) as f32);
+        let radiance = Array3::from_shape_fn((2, 3, 5), |(v, r, c)| (50 * v + 10 * r + c) as f32);
         let images = ViewStack::new(radiance).unwrap();
         let observation = Observation::new(Sun::default(), views.to_vec(), images).unwrap();
         let folder = tempfile::tempdir().unwrap();
@@ -78,8 +78,8 @@ mod tests {
         let channel = &second.channel_data.list[0];
         assert_eq!(channel.name, Text::from("Y"));
         let pixels: Vec<_> = channel.sample_data.values_as_f32().collect();
-        assert_eq!(pixels[..5], [120.0, 121.0, 122.0, 123.0, 124.0]);
-        assert_eq!(pixels[10..], [100.0, 101.0, 102.0, 103.0, 104.0]);
+        assert_eq!(pixels[..5], [70.0, 71.0, 72.0, 73.0, 74.0]);
+        assert_eq!(pixels[10..], [50.0, 51.0, 52.0, 53.0, 54.0]);
         let zenith = &second.attributes.other[&Text::from("view_zenith_deg")];
         let AttributeValue::F64(zenith) = zenith else { panic!("{zenith:?}") };
         assert!((zenith - 0.7_f64.to_degrees()).abs() < 1e-9);
