@@ -4,6 +4,7 @@ use crate::array::{Floats, IMAGES, give};
 use crate::compute::quickly;
 use crate::grid::Grid;
 use crate::view::ViewSequence;
+use deepct_core::Error;
 use deepct_core::carve::CarveSettings;
 use deepct_core::image::ViewStack;
 use deepct_core::scene::{Light, Observation};
@@ -41,6 +42,9 @@ pub(crate) struct Carved {
 /// threshold : float, optional
 ///     A pixel is cloudy above this radiance (1/sr). By default the threshold is derived from the
 ///     distribution of the radiances of all images.
+/// standard_error : array, [view, row, col], optional
+///     Standard error of the radiance (1/sr), such as the noise that `sense` returns: the derived
+///     threshold is at least three times that of the clear pixels above them.
 /// agreement : float, optional
 ///     A voxel is kept when at least this fraction of the views that have a vote on it vote for
 ///     it (0 to 1). Default: 0.9.
@@ -54,22 +58,42 @@ pub(crate) struct Carved {
 /// ValueError
 ///     The images do not match the views, or a parameter is out of range.
 #[pyfunction]
-#[pyo3(signature = (radiance, views, grid, *, threshold = None, agreement = None))]
+#[pyo3(signature = (
+    radiance, views, grid, *, threshold = None, standard_error = None, agreement = None,
+))]
 pub(crate) fn carve(
     py: Python<'_>,
     radiance: &Bound<'_, PyAny>,
     views: ViewSequence,
     grid: Grid,
     threshold: Option<f32>,
+    standard_error: Option<Bound<'_, PyAny>>,
     agreement: Option<f64>,
 ) -> PyResult<Carved> {
     let defaults = CarveSettings::default();
     let settings = CarveSettings { threshold, agreement: agreement.unwrap_or(defaults.agreement) };
     let radiance = Floats::new(radiance, "radiance", IMAGES)?.to_owned();
+    let errors = standard_error
+        .map(|errors| Ok::<_, PyErr>(Floats::new(&errors, "standard_error", IMAGES)?.to_owned()))
+        .transpose()?;
     let carved = quickly(py, || {
-        // Carving does not depend on the scene illumination.
         let images = ViewStack::new(radiance)?;
-        let observation = Observation::new(Light::default(), views.0, images)?;
+        // Carving does not depend on the scene illumination; the images may have any unit.
+        let mut light = Light::default();
+        light.sun.irradiance = f64::from(images.brightest()).max(1.0);
+        let mut observation = Observation::new(light, views.0, images)?;
+        observation.standard_error = errors.map(ViewStack::new).transpose()?;
+        if let Some(errors) = &observation.standard_error {
+            let (found, expected) = (errors.shape(), observation.images.shape());
+            if found != expected {
+                let range = format!("{expected:?}, that of the radiance");
+                return Err(Error::out_of_range(
+                    "shape of standard_error",
+                    format!("{found:?}"),
+                    range,
+                ));
+            }
+        }
         deepct_core::carve::carve(&observation, &grid.0, &settings)
     })?;
     Ok(Carved { mask: give(py, carved.mask.values), threshold: carved.threshold })

@@ -71,7 +71,9 @@ def test_noise(files):
 
 
 def test_masks(files, cloud, cloud_views):
-    carved = deepct_py.carve(read(files["noisy"], "radiance"), cloud_views, cloud.grid)
+    names = ("radiance", "radiance_standard_error")
+    noisy, noise = (read(files["noisy"], name) for name in names)
+    carved = deepct_py.carve(noisy, cloud_views, cloud.grid, standard_error=noise)
     assert 0.0 < carved.mask.mean() < 1.0
     assert np.array_equal(carved.mask, read(files["mask"], "mask").astype(bool))
 
