@@ -72,6 +72,10 @@ impl Layout {
         if time < times {
             return Ok(time);
         }
+        if times == 0 {
+            let problem = "has no times: the simulation has not written any";
+            return Err(variable.error(problem, "give the file of a run that has"));
+        }
         let problem = format!("has {times} times, but number {time} was requested");
         Err(variable.error(problem, &format!("choose --time from 0 to {}", times - 1)))
     }
