@@ -241,11 +241,14 @@ pub(super) fn put_mask(output: &Output, mask: &Mask) -> Result<()> {
 /// # Errors
 /// As [`read_cloud`]; also returns an error if there are numbers other than 0 and 1.
 pub fn read_mask(path: impl AsRef<Path>) -> Result<Mask> {
-    let input = Input::open(path.as_ref())?;
+    let path = path.as_ref();
+    let input = Input::open(path)?;
     let variable = input.variable_on("mask", &AXES)?;
     let values: ArrayD<bool> = variable.flags()?;
     let values = values.into_dimensionality().expect("three dimensions were checked");
-    Mask::new(grid_of(&variable, &input)?, values)
+    let grid = grid_of(&variable, &input)?;
+    Checks::new(path, false).grid(&grid)?;
+    Mask::new(grid, values)
 }
 
 /// The TOML representation of a grid.
