@@ -76,7 +76,7 @@ pub struct Rendering {
 const THICKEST_VOXEL: f64 = 1e5;
 
 /// Largest delta-M scaled optical depth of a cell with which images are usable. The radiance of a
-/// layer is 1 % too low with 0.9, 3 % with 1.8, 4 % with 3.6 and 60 % with 450
+/// layer is 1 % too low with 0.8, 3 % with 1.7, 4 % with 3.4 and 60 % with 425
 /// (`docs/notes/deterministic_solver.md`, "Thick layers"). Cells of 2 are a setting.
 const THICK_CELL: f64 = 2.5;
 
