@@ -1,4 +1,5 @@
 use crate::program::Program;
+use deepct_core::io::{Provenance, read_cloud, write_cloud};
 
 const SETTINGS: &str = "formation = \"cloudct-10\"\ncolumns = 24\n\
     [[sources]]\nfile = \"field.nc\"\nsplit = \"train\"\nfirst = 0\nlast = 0\nevery = 1\n\
@@ -28,6 +29,50 @@ fn a_data_set_is_made_resumed_and_checked() {
     assert!(again.starts_with("2 samples, 0 of them made now"), "{again}");
     let checked = program.succeed("dataset check set");
     assert_eq!(checked, "2 samples, all consistent with the manifest\n");
+}
+
+/// Replaces a cloud by one with more water.
+fn moisten(program: &Program, name: &str) {
+    let path = program.path(name);
+    let mut cloud = read_cloud(&path).unwrap();
+    let droplets = cloud.microphysics.as_mut().unwrap();
+    droplets.liquid_water_content.mapv_inplace(|water| 1.5 * water);
+    let provenance = Provenance { title: "a test".into(), configuration: String::new(), seed: 0 };
+    write_cloud(&path, &cloud, &provenance).unwrap();
+}
+
+/// A simulation that has changed since the plan was made is refused, and a sample that is cut off is
+/// made again.
+#[test]
+fn a_data_set_knows_its_simulation_and_its_samples() {
+    let program = program();
+    program.succeed("dataset plan set.toml --out set");
+    let field = std::fs::read(program.path("field.nc")).unwrap();
+    moisten(&program, "field.nc");
+    let generate = "dataset generate set.toml --quiet --out set";
+    program.refuse(generate, &["field.nc", "has changed since the plan was made"]);
+    std::fs::write(program.path("field.nc"), field).unwrap();
+    program.succeed(generate);
+    let samples = std::fs::read_dir(program.path("set/samples")).unwrap();
+    let sample = samples.map(|entry| entry.unwrap().path()).next().unwrap();
+    let whole = std::fs::read(&sample).unwrap();
+    std::fs::write(&sample, &whole[..whole.len() / 2]).unwrap();
+    let made = program.succeed(generate);
+    assert!(made.starts_with("2 samples, 1 of them made now"), "{made}");
+    assert!(std::fs::read(&sample).unwrap() == whole);
+}
+
+/// An experiment is not continued with another cloud under the same name.
+#[test]
+fn an_experiment_knows_its_clouds() {
+    let program = Program::new();
+    program.succeed("cloud generate --seed 5 --set width_km=0.4 --out cloud.nc");
+    let settings = "clouds = [\"cloud.nc\"]\nmethods = [\"network\"]\nsamples_per_pixel = 4\n";
+    std::fs::write(program.path("e.toml"), settings).unwrap();
+    program.succeed("experiment e.toml --quiet --out E");
+    program.succeed("experiment e.toml --quiet --out E");
+    moisten(&program, "cloud.nc");
+    program.refuse("experiment e.toml --quiet --out E", &["inputs.sha256", "clouds and weights"]);
 }
 
 #[test]
