@@ -6,6 +6,7 @@
 mod axes;
 mod les;
 mod text;
+mod water;
 
 pub use les::read_les;
 pub use text::read_text;
