@@ -228,6 +228,7 @@ def carve(
     grid: Grid,
     *,
     threshold: Optional[float] = None,
+    standard_error: Optional[ArrayLike] = None,
     agreement: Optional[float] = None,
 ) -> Carved: ...
 
