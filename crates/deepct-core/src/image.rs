@@ -85,10 +85,29 @@ pub struct ViewGeometry {
 pub struct ImagingGeometry {
     /// Angles of the Sun and of the cameras, and pixel sizes.
     pub views: ViewGeometry,
-    /// The point x, y, z (km) at the centre of every image.
+    /// The point x, y, z (km) that all images show, at their centres unless they are shifted.
     pub target_km: [f64; 3],
+    /// Position of the centre of each image relative to the target, `[row, col]` (pixels); empty if
+    /// the target is at the centre of every image.
+    pub shifts: Vec<[f64; 2]>,
     /// Wavelength (um).
     pub wavelength_um: f64,
     /// Solar irradiance in the unit of the radiances times sr; networks are trained for 1.
     pub solar_irradiance: f64,
+}
+
+impl ImagingGeometry {
+    /// The horizontal position (x, y; km) of the middle of the images, with pixels as wide as the
+    /// smallest: that of the target unless the images are shifted.
+    pub fn middle_km(&self) -> [f64; 2] {
+        let [x, y, _] = self.target_km;
+        let pixel = self.views.pixel_km.iter().copied().fold(f64::INFINITY, f64::min);
+        let count = self.shifts.len().max(1) as f64;
+        let mean = |axis: usize| self.shifts.iter().map(|shift| shift[axis]).sum::<f64>() / count;
+        let [north, east] = [0, 1].map(|axis| match mean(axis) {
+            0.0 => 0.0,
+            shift => shift * pixel,
+        });
+        [x + east, y + north]
+    }
 }

@@ -27,7 +27,8 @@ fn geometry() -> ImagingGeometry {
         camera_distance_km: vec![Some(600.0); 6],
     };
     let target_km = [3.0, -2.0, 1.12];
-    ImagingGeometry { views, target_km, wavelength_um: 0.672, solar_irradiance: 1.0 }
+    let (wavelength_um, solar_irradiance) = (0.672, 1.0);
+    ImagingGeometry { views, target_km, shifts: Vec::new(), wavelength_um, solar_irradiance }
 }
 
 /// Images of a bright spot on a dark surface, which is not quite in the middle.
@@ -317,6 +318,7 @@ fn weights_of_one_formation_keep_their_voxels() {
         target_km: [0.0, 0.0, formation.metadata.target_altitude_km],
         wavelength_um: 0.672,
         solar_irradiance: 1.0,
+        shifts: Vec::new(),
     };
     let estimator = Estimator::new(weights);
     let whole = estimator.estimate(&images(10), &geometry, None).unwrap().extinction;

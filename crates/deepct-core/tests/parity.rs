@@ -94,6 +94,7 @@ fn folded_output(weights: &GeneralWeights, case: &Case, [rows, cols]: [usize; 2]
         target_km: [0.0, 0.0, case.target_altitude_km],
         wavelength_um: 0.672,
         solar_irradiance: 1.0,
+        shifts: Vec::new(),
     };
     let target = DVec3::from(geometry.target_km);
     let grid = weights.grid(case.horizontal_spacing_km, target, [rows, cols]).unwrap();

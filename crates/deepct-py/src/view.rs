@@ -78,7 +78,7 @@ impl View {
         self.0.pixel_km()
     }
 
-    /// The point shown at the centre of the image (km).
+    /// The point at which the camera is pointed (km), at the centre of the image unless it is shifted.
     #[getter]
     fn target(&self) -> Point {
         self.0.target.into()
@@ -97,6 +97,19 @@ impl View {
     #[getter]
     fn size(&self) -> (usize, usize) {
         (self.0.rows, self.0.cols)
+    }
+
+    /// Position of the centre of the image relative to the target (rows, cols); (0, 0) unless the
+    /// image is a part of a larger one.
+    #[getter]
+    fn shift(&self) -> (f64, f64) {
+        self.0.shift.into()
+    }
+
+    /// The view of a part of the image: `size` (rows, cols) pixels from the pixel `first` (row, col).
+    /// It belongs to `image[first[0]:first[0] + size[0], first[1]:first[1] + size[1]]`.
+    fn part(&self, first: [usize; 2], size: [usize; 2]) -> PyResult<Self> {
+        self.0.part(first, size).map(Self).map_err(raise)
     }
 
     /// Project a point (km) onto the image. Returns continuous (row, col) coordinates, in which

@@ -1,10 +1,12 @@
 """Python and the command line give bit-identical results for the same seed and input."""
 
 import json
+import subprocess
 
 import h5py
 import numpy as np
 import pytest
+import xarray
 
 import deepct_py
 
@@ -97,13 +99,60 @@ def test_volumes_and_their_scores(files, cloud, cloud_views, command_line):
 
 def test_the_light_of_a_file(files, cloud, cloud_views):
     """The light stored in an image file equals the one constructed in Python."""
-    xarray = pytest.importorskip("xarray")
     light = deepct_py.Light(sun_zenith_deg=70.0, sun_azimuth_deg=260.0, surface_albedo=0.3)
     with xarray.open_dataset(files["evening"]) as dataset:
         assert deepct_py.Light.from_dataset(dataset) == light
         with pytest.warns(UserWarning, match="does not state air, surface_albedo"):
             sun_only = deepct_py.Light.from_dataset(dataset.drop_vars("light"))
     assert sun_only == light.replace(surface_albedo=0.05)
+
+
+def test_parts_and_averages_of_images(files, tmp_path, cloud, cloud_views, command_line):
+    """The pixel numbers tell what xarray left of the images: no shift of the mask or the cloud."""
+    with xarray.open_dataset(files["images"]) as dataset:
+        part = dataset.isel(row=slice(4, 28), col=slice(6, 32))
+        part.to_netcdf(tmp_path / "part.nc")
+        dataset.isel(row=slice(None, None, -1)).to_netcdf(tmp_path / "reversed.nc")
+        dataset.coarsen(row=2, col=2).mean().to_netcdf(tmp_path / "averaged.nc")
+        part.drop_vars("target_row").to_netcdf(tmp_path / "unknown.nc")
+    whole = read(files["images"], "radiance")
+
+    def mask_of(name):
+        out = tmp_path / "mask.nc"
+        command_line("carve", tmp_path / name, "--grid", files["cloud"], "--threshold", 0.03,
+                     "--out", out)
+        return read(out, "mask").astype(bool)
+
+    def carve(images, views):
+        return deepct_py.carve(images, views, cloud.grid, threshold=0.03).mask
+
+    assert np.array_equal(mask_of("reversed.nc"), carve(whole, cloud_views))
+    parts = [view.part((4, 6), (24, 26)) for view in cloud_views]
+    assert np.array_equal(mask_of("part.nc"), carve(whole[:, 4:28, 6:32], parts))
+    averaged = whole.reshape(10, 16, 2, 16, 2).mean(axis=(2, 4))
+
+    def wide(view):
+        distance = np.linalg.norm(np.subtract(view.position, view.target))
+        tangent = 2 * view.pixel_km / distance
+        return deepct_py.View.perspective(view.position, view.target, tangent, (16, 16))
+
+    assert np.array_equal(mask_of("averaged.nc"), carve(averaged, list(map(wide, cloud_views))))
+
+    command_line("infer", tmp_path / "part.nc", "--out", tmp_path / "volume.nc")
+    found = read(tmp_path / "volume.nc", "extinction")
+    network = deepct_py.Network.load()
+    grid = network.grid(parts)
+    x, y, _ = cloud.grid.center
+    np.testing.assert_allclose(grid.center[:2], (x + 3 * 0.05, y), atol=1e-9)
+    expected = network.infer(whole, cloud_views, deepct_py.Light(), grid=grid)
+    assert found.shape == expected.shape == (32, 24, 26)
+    # Away from the sides, which whole images show and their parts do not.
+    inside = (slice(None), slice(8, -8), slice(8, -8))
+    assert np.abs(found - expected)[inside].max() < 0.05 * expected.max()
+    with pytest.raises(subprocess.CalledProcessError) as refusal:
+        command_line("carve", tmp_path / "unknown.nc", "--grid", files["cloud"],
+                     "--out", tmp_path / "mask.nc")
+    assert "add target_row(view)" in refusal.value.stderr
 
 
 def test_images_that_state_sun_and_wavelength_only(files, tmp_path, command_line_run):

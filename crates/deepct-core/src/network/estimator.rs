@@ -97,18 +97,17 @@ impl Estimator {
 
     /// The grid on which [`Estimator::estimate`] estimates the cloud in images of `[rows, cols]`
     /// pixels if no other grid is requested. It has one column of voxels for each pixel, centred
-    /// on the target. For general weights, the horizontal voxel size is that of the smallest pixel
+    /// on the target, or on the middle of images that are shifted from it. For general weights, the horizontal voxel size is that of the smallest pixel
     /// at the target, and the levels are centred on the target, but do not extend below an altitude
     /// of 0.
     ///
     /// # Errors
     /// As [`Network::grid`].
     pub fn grid(&self, geometry: &ImagingGeometry, [rows, cols]: [usize; 2]) -> Result<Grid> {
-        let target = DVec3::from(geometry.target_km);
+        let [x, y] = geometry.middle_km();
+        let middle = DVec3::new(x, y, geometry.target_km[2]);
         match &self.weights {
-            TrainedWeights::Formation(weights) => {
-                weights.metadata.grid([target.x, target.y], [rows, cols])
-            }
+            TrainedWeights::Formation(weights) => weights.metadata.grid([x, y], [rows, cols]),
             TrainedWeights::General(weights) => {
                 let pixels = &geometry.views.pixel_km;
                 let smallest = pixels.iter().copied().fold(f64::INFINITY, f64::min);
@@ -118,8 +117,8 @@ impl Estimator {
                 }
                 let unit = 10_f64.powf(smallest.log10().floor()) / DIGITS;
                 let voxel_km = (smallest / unit).round() * unit;
-                let mut grid = weights.grid(voxel_km, target, [rows, cols])?;
-                if target.z >= 0.0 {
+                let mut grid = weights.grid(voxel_km, middle, [rows, cols])?;
+                if middle.z >= 0.0 {
                     grid.origin.z = grid.origin.z.max(0.0);
                 }
                 Ok(grid)
@@ -297,8 +296,8 @@ impl Estimator {
 
     fn folded(&self, geometry: &ImagingGeometry, grid: &Grid, force: bool) -> Result<Arc<Network>> {
         let levels = [grid.spacing.x, grid.spacing.z, grid.origin.z];
-        // Neither the irradiance nor the horizontal position of the target changes the network.
-        let mut geometry = geometry.clone();
+        // Neither the irradiance nor the position of the images changes the network.
+        let mut geometry = ImagingGeometry { shifts: Vec::new(), ..geometry.clone() };
         (geometry.solar_irradiance, geometry.target_km) = (1.0, [0.0, 0.0, geometry.target_km[2]]);
         let mut latest = self.latest.lock().unwrap_or_else(PoisonError::into_inner);
         let network = match (&self.weights, &*latest) {

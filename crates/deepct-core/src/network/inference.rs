@@ -1,6 +1,6 @@
 //! Inference: from images to extinction.
 
-use super::resample::{Field, PlaneResampler};
+use super::resample::{Field, Frame, PlaneResampler};
 use super::{Estimate, NetworkOutput, Weights, WeightsMetadata};
 use crate::conv::{self, Conv2d, Scales, Settings, Stack};
 use crate::error::{Error, Result};
@@ -105,8 +105,7 @@ impl Network {
     /// As [`Network::infer`].
     pub fn estimate(&self, images: &ViewStack, geometry: &ImagingGeometry) -> Result<Estimate> {
         let [_, rows, cols] = images.shape();
-        let [x, y, _] = geometry.target_km;
-        self.estimate_on(&self.grid([x, y], [rows, cols])?, images, geometry)
+        self.estimate_on(&self.grid(geometry.middle_km(), [rows, cols])?, images, geometry)
     }
 
     /// As [`Network::estimate`], on a grid with the voxels and levels of the metadata and any
@@ -132,7 +131,12 @@ impl Network {
         let (size, center) = ([grid.shape[1], grid.shape[2]], grid.center());
         let supported = match self.resampler {
             Some(_) => self.grid([center.x, center.y], size)?,
-            None => self.grid([x, y], [rows, cols])?,
+            None if geometry.shifts.is_empty() => self.grid([x, y], [rows, cols])?,
+            None => {
+                let remedy =
+                    "give whole images: these weights read them as recorded by the cameras";
+                return Err(Error::mismatch("shift of the images", "none", "some", remedy));
+            }
         };
         supported.check_same("the estimate", grid)?;
         let unit = (1.0 / geometry.solar_irradiance) as f32;
@@ -143,13 +147,14 @@ impl Network {
         let mut values = Array3::zeros([self.output_channels(), size[0], size[1]]);
         let output = values.as_slice_mut().expect("a new array is contiguous");
         let field = Field { size, center: [center.y - y, center.x - x] };
+        let frame = Frame { size: [rows, cols], shifts: &geometry.shifts };
         if let Some(resampler) = &self.resampler
-            && !resampler.shows(field, [rows, cols])
+            && !resampler.shows(field, frame)
         {
             let range = "in the images: no view shows any of its columns";
             return Err(Error::out_of_range("grid of the estimate", grid, range));
         }
-        self.run_on(radiance, [rows, cols], field, output, &mut scratch)?;
+        self.run_on(radiance, frame, field, output, &mut scratch)?;
         let uncertainty = match self.metadata.outputs.contains(&NetworkOutput::Uncertainty) {
             true => Some(Volume::new(*grid, values.slice(s![self.levels().., .., ..]).to_owned())?),
             false => None,
@@ -180,31 +185,37 @@ impl Network {
     pub fn run(&self, input: &[f32], output: &mut [f32], scratch: &mut Scratch) -> Result<()> {
         let [_, rows, cols] = scratch.size;
         let field = Field { size: [rows, cols], center: [0.0, 0.0] };
-        self.run_on(input, [rows, cols], field, output, scratch)
+        self.run_on(input, Frame { size: field.size, shifts: &[] }, field, output, scratch)
     }
 
     /// The images on the plane of the target, `[view, row, col]`, scaled; empty if the network reads
     /// the images as recorded by the cameras.
-    pub(super) fn on_target(&self, images: &ViewStack, field: Field) -> Result<Vec<f32>> {
+    pub(super) fn on_target(
+        &self,
+        images: &ViewStack,
+        shifts: &[[f64; 2]],
+        field: Field,
+    ) -> Result<Vec<f32>> {
         let Some(resampler) = &self.resampler else { return Ok(Vec::new()) };
         let [_, rows, cols] = images.shape();
         let radiance = images.values.as_standard_layout();
         let radiance = radiance.as_slice().expect("standard layout is contiguous");
         let mut ground = vec![0.0; resampler.ground_len([1, field.size[0], field.size[1]])?];
-        resampler.resample(radiance, [rows, cols], field, &mut ground);
+        resampler.resample(radiance, Frame { size: [rows, cols], shifts }, field, &mut ground);
         Ok(resampler.without_margin(&ground, field.size))
     }
 
-    /// As [`Network::run`], for images of `[rows, cols]` pixels and any field.
+    /// As [`Network::run`], for images of any frame and any field.
     fn run_on(
         &self,
         input: &[f32],
-        [rows, cols]: [usize; 2],
+        frame: Frame<'_>,
         field: Field,
         output: &mut [f32],
         scratch: &mut Scratch,
     ) -> Result<()> {
         let Scratch { stack, size, ground } = scratch;
+        let [rows, cols] = frame.size;
         let Some(resampler) = &self.resampler else { return self.stack.run(input, output, stack) };
         for (what, expected, found) in [
             ("number of values of the input", size[0] * self.views() * rows * cols, input.len()),
@@ -215,7 +226,7 @@ impl Network {
                 return Err(Error::mismatch(what, expected, found, remedy));
             }
         }
-        resampler.resample(input, [rows, cols], field, ground);
+        resampler.resample(input, frame, field, ground);
         self.stack.run_from(&resampler.source(ground, field.size), output, stack)
     }
 }
@@ -234,6 +245,7 @@ mod tests {
             target_km: [x, y, metadata.target_altitude_km],
             wavelength_um: metadata.wavelength_um,
             solar_irradiance: 1.0,
+            shifts: Vec::new(),
         }
     }
 

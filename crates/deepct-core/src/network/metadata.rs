@@ -331,6 +331,7 @@ mod tests {
             target_km: [0.0, 0.0, altitude],
             wavelength_um,
             solar_irradiance: 1.0,
+            shifts: Vec::new(),
         }
     }
 

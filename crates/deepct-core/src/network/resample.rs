@@ -23,6 +23,23 @@ pub(super) struct PlaneResampler {
     margin: [usize; 2],
 }
 
+/// The images that are resampled: their size and where their centres are.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Frame<'a> {
+    /// Number of rows and columns.
+    pub(super) size: [usize; 2],
+    /// [`ImagingGeometry::shifts`](crate::image::ImagingGeometry::shifts).
+    pub(super) shifts: &'a [[f64; 2]],
+}
+
+impl Frame<'_> {
+    /// The position of the target in the image of a view, `[row, col]`.
+    fn target(&self, view: usize) -> [f64; 2] {
+        let shift = self.shifts.get(view).copied().unwrap_or_default();
+        [0, 1].map(|axis| 0.5 * self.size[axis] as f64 - shift[axis])
+    }
+}
+
 /// The voxels that are computed, relative to the target.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Field {
@@ -132,26 +149,27 @@ impl PlaneResampler {
         })
     }
 
-    /// Resamples `images`, `[image, view, row, col]` of `[rows, cols]` pixels, onto the plane of
-    /// the target. The result has the axes `[image, view, row, col]`, covers the field and the
+    /// Resamples `images`, `[image, view, row, col]`, onto the plane of the target. The result has the axes `[image, view, row, col]`, covers the field and the
     /// margins and is multiplied by the scale.
     pub(super) fn resample(
         &self,
         images: &[f32],
-        [rows, cols]: [usize; 2],
+        frame: Frame<'_>,
         field: Field,
         ground: &mut [f32],
     ) {
+        let [rows, cols] = frame.size;
         let [long, wide] = self.ground_size(field.size);
         let fewest = PIXELS_PER_TASK.div_ceil(wide);
         ground.par_chunks_exact_mut(wide).enumerate().with_min_len(fewest).for_each(
             |(index, line)| {
                 let (image, row) = (index / long, index % long);
-                let view = &self.views[image % self.views.len()];
+                let number = image % self.views.len();
+                let view = &self.views[number];
                 // In most views, the parallax of all planes is smaller than the margin.
                 if view.sees(row, field.size[0]) {
                     let image = Raster { values: &images[image * rows * cols..], rows, cols };
-                    self.lay_row(&view.camera, image, field, row, line);
+                    self.lay_row(&view.camera, image, frame.target(number), field, row, line);
                 }
             },
         );
@@ -161,37 +179,39 @@ impl PlaneResampler {
         &self,
         camera: &Camera,
         image: Raster<'_>,
+        [target_row, target_col]: [f64; 2],
         field: Field,
         row: usize,
         line: &mut [f32],
     ) {
-        let middle = |lines: usize| 0.5 * lines as f64;
         // The position of the voxel of number `at` of the ground along an axis (km).
         let place = |axis: usize, at: usize| {
-            let voxels = at as f64 + 0.5 - self.margin[axis] as f64 - middle(field.size[axis]);
+            let voxels = at as f64 + 0.5 - self.margin[axis] as f64 - 0.5 * field.size[axis] as f64;
             field.center[axis] + self.spacing[axis] * voxels
         };
         let y = place(0, row);
         for (col, pixel) in line.iter_mut().enumerate() {
             let [row, col] = camera.project(place(1, col), y);
-            *pixel = self.scale
-                * image.at(row + middle(image.rows) - 0.5, col + middle(image.cols) - 0.5);
+            *pixel = self.scale * image.at(row + target_row - 0.5, col + target_col - 0.5);
         }
     }
 
-    /// Whether any view of `[rows, cols]` pixels shows any column of a field on the plane of the
-    /// target.
-    pub(super) fn shows(&self, field: Field, [rows, cols]: [usize; 2]) -> bool {
+    /// Whether any view shows any column of a field on the plane of the target.
+    pub(super) fn shows(&self, field: Field, frame: Frame<'_>) -> bool {
         let place = |axis: usize, at: usize| {
             let voxels = at as f64 + 0.5 - 0.5 * field.size[axis] as f64;
             field.center[axis] + self.spacing[axis] * voxels
         };
-        let is_inside = |view: &View, row: usize, col: usize| {
-            let [y, x] = view.camera.project(place(1, col), place(0, row));
-            y.abs() <= 0.5 * rows as f64 && x.abs() <= 0.5 * cols as f64
+        let is_inside = |(number, view): (usize, &View), row: usize, col: usize| {
+            let pixel = view.camera.project(place(1, col), place(0, row));
+            let target = frame.target(number);
+            [0, 1].iter().all(|&axis| {
+                (0.0..=frame.size[axis] as f64).contains(&(pixel[axis] + target[axis]))
+            })
         };
         let mut columns = (0..field.size[0]).flat_map(|j| (0..field.size[1]).map(move |i| (j, i)));
-        columns.any(|(row, col)| self.views.iter().any(|view| is_inside(view, row, col)))
+        columns
+            .any(|(row, col)| self.views.iter().enumerate().any(|view| is_inside(view, row, col)))
     }
 
     /// The images on the plane of the target, `[view, row, col]`, from those with a margin. Rows that
@@ -325,7 +345,8 @@ mod tests {
     fn lifted(metadata: &WeightsMetadata, images: &[f32], size: [usize; 2]) -> Vec<f32> {
         let resampler = PlaneResampler::new(metadata).unwrap();
         let mut ground = vec![f32::NAN; resampler.ground_len([1, size[0], size[1]]).unwrap()];
-        resampler.resample(images, size, Field { size, center: [0.0, 0.0] }, &mut ground);
+        let frame = Frame { size, shifts: &[] };
+        resampler.resample(images, frame, Field { size, center: [0.0, 0.0] }, &mut ground);
         let source = resampler.source(&ground, size);
         let channels = metadata.input_channels();
         let mut values = vec![f32::NAN; channels * size[0] * size[1]];

@@ -113,6 +113,7 @@ mod tests {
             target_km: [0.0, 0.0, 1.0],
             wavelength_um: 0.672,
             solar_irradiance,
+            shifts: Vec::new(),
         }
     }
 

@@ -104,7 +104,7 @@ fn explained(
     let ([x, y, _], grid) = (geometry.target_km, &extinction.grid);
     let center = [grid.center().y - y, grid.center().x - x];
     let field = Field { size: [grid.shape[1], grid.shape[2]], center };
-    let on_target = network.on_target(images, field)?;
+    let on_target = network.on_target(images, &geometry.shifts, field)?;
     let views = on_target.chunks_exact(field.size[0] * field.size[1]).enumerate();
     let by_view: Vec<f64> = views
         .map(|(view, image)| {

@@ -200,20 +200,27 @@ impl Observation {
     /// The solar and viewing geometry, target (km) and wavelength (um) as plain numbers.
     ///
     /// # Errors
-    /// Returns an error if the views do not share one target.
+    /// As [`imaging_geometry`].
     pub fn imaging_geometry(&self) -> Result<ImagingGeometry> {
         imaging_geometry(&self.light, &self.views)
     }
 }
 
-/// The solar and viewing geometry, target (km) and wavelength (um) as plain numbers.
+/// The solar and viewing geometry, target (km) and wavelength (um) as plain numbers. The angles are
+/// those at the common target.
 ///
 /// # Errors
-/// Returns an error if the views do not share one target.
+/// Returns an error if the images do not show a common target, or if a camera is so near that
+/// images of another point cannot be described by the angles at the common one.
 pub fn imaging_geometry(light: &Light, views: &[View]) -> Result<ImagingGeometry> {
+    let target = target(views)?;
+    let at_target: Vec<View> =
+        views.iter().map(|view| view.aimed_at(target)).collect::<Result<_>>()?;
+    let shifts: Vec<[f64; 2]> = at_target.iter().map(|view| view.shift).collect();
     Ok(ImagingGeometry {
-        views: view_geometry(&light.sun, views),
-        target_km: target(views)?.to_array(),
+        views: view_geometry(&light.sun, &at_target),
+        target_km: target.to_array(),
+        shifts: if shifts.iter().all(|shift| *shift == [0.0, 0.0]) { Vec::new() } else { shifts },
         wavelength_um: light.wavelength,
         solar_irradiance: light.sun.irradiance,
     })

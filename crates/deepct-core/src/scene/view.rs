@@ -26,13 +26,25 @@ pub enum Projection {
     },
 }
 
+/// Largest shift of an image (pixels): that of a part of any image there is.
+const MOST_SHIFT: f64 = 1e6;
+
+/// Distance (km) up to which targets are the same: that of rounding errors.
+const SAME_TARGET: f64 = 1e-6;
+
+/// Largest displacement (pixels) of a pixel of an image whose plane is turned to another target.
+const TURNED_PIXEL: f64 = 0.1;
+
 /// A camera pointed at a target. Rows increase towards north and columns towards east.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct View {
-    /// The point at the centre of the image (km).
+    /// The point that the camera is pointed at (km), at the centre of the image unless it is shifted.
     pub target: DVec3,
     /// The projection of points onto the image.
     pub projection: Projection,
+    /// Position of the centre of the image relative to the target, in rows and columns; `[0, 0]`
+    /// unless the image is a part of a larger one.
+    pub shift: [f64; 2],
     /// Number of rows.
     pub rows: usize,
     /// Number of columns.
@@ -53,7 +65,7 @@ impl View {
         [rows, cols]: [usize; 2],
     ) -> Result<Self> {
         let projection = Projection::Perspective { position, pixel_tangent };
-        Self { target, projection, rows, cols }.checked(pixel_tangent)
+        Self { target, projection, shift: [0.0, 0.0], rows, cols }.checked(pixel_tangent)
     }
 
     /// A camera at infinity in the direction `towards`, with pixels of size `pixel_km` in the
@@ -68,7 +80,77 @@ impl View {
         [rows, cols]: [usize; 2],
     ) -> Result<Self> {
         let projection = Projection::Orthographic { towards: towards.normalize(), pixel_km };
-        Self { target, projection, rows, cols }.checked(pixel_km)
+        Self { target, projection, shift: [0.0, 0.0], rows, cols }.checked(pixel_km)
+    }
+
+    /// The same camera with an image whose centre is `shift` rows and columns from the target, as
+    /// those cut out of larger images.
+    ///
+    /// # Errors
+    /// Returns an error if the shift is not finite or so large that the image cannot show the scene.
+    pub fn with_shift(self, shift: [f64; 2]) -> Result<Self> {
+        if shift.iter().any(|pixels| !(pixels.abs() <= MOST_SHIFT)) {
+            let range = format!("at most {MOST_SHIFT:e} rows and columns");
+            return Err(Error::out_of_range("shift of an image", format!("{shift:?}"), range));
+        }
+        Ok(Self { shift, ..self })
+    }
+
+    /// The view of a part of the image: `[rows, cols]` pixels from the pixel `first`.
+    ///
+    /// # Errors
+    /// Returns an error if the part is empty or extends beyond the image.
+    pub fn part(self, first: [usize; 2], [rows, cols]: [usize; 2]) -> Result<Self> {
+        let ends = [first[0].checked_add(rows), first[1].checked_add(cols)];
+        let inside = |end: Option<usize>, whole: usize| end.is_some_and(|end| end <= whole);
+        if rows == 0 || cols == 0 || !inside(ends[0], self.rows) || !inside(ends[1], self.cols) {
+            let found = format!("{rows} x {cols} pixels from {first:?}");
+            let range = format!("within {} x {} pixels, and not empty", self.rows, self.cols);
+            return Err(Error::out_of_range("part of an image", found, range));
+        }
+        let moved = |axis: usize, size: usize, whole: usize| {
+            self.shift[axis] + first[axis] as f64 + 0.5 * size as f64 - 0.5 * whole as f64
+        };
+        let shift = [moved(0, rows, self.rows), moved(1, cols, self.cols)];
+        Self { rows, cols, ..self }.with_shift(shift)
+    }
+
+    /// The view of the same image with another target (km), from which the image is shifted. For a
+    /// perspective camera, the image plane is turned to be normal to the line of sight to the new
+    /// target.
+    ///
+    /// # Errors
+    /// Returns an error if the new target is behind the camera, or if turning the image plane would
+    /// move a pixel by more than a tenth of its size.
+    pub fn aimed_at(&self, target: DVec3) -> Result<Self> {
+        if self.target.distance(target) <= SAME_TARGET {
+            return Ok(*self);
+        }
+        let [rows, cols] = [self.rows as f64, self.cols as f64];
+        let moved = self.project(target).and_then(|(row, col)| {
+            let view = Self { target, ..*self };
+            let view = view.with_shift([0.5 * rows - row, 0.5 * cols - col]).ok()?;
+            let corners = [(0.0, 0.0), (0.0, cols), (rows, 0.0), (rows, cols)];
+            let same = corners.into_iter().all(|(row, col)| {
+                let ray = self.ray(row, col);
+                // The point of the ray that is as far from the camera as the target.
+                let point = ray.at((target - ray.origin).dot(ray.direction));
+                view.project(point).is_some_and(|(other_row, other_col)| {
+                    (other_row - row).hypot(other_col - col) < TURNED_PIXEL
+                })
+            });
+            same.then_some(view)
+        });
+        moved.ok_or_else(|| {
+            let remedy = "point all cameras at one target: these are too near for their distance \
+                          from it";
+            Error::mismatch("target (km)", target, self.target, remedy)
+        })
+    }
+
+    /// The pixel coordinates of the target, `(row, col)`.
+    fn middle(&self) -> DVec2 {
+        DVec2::new(0.5 * self.rows as f64 - self.shift[0], 0.5 * self.cols as f64 - self.shift[1])
     }
 
     fn checked(self, pixel: f64) -> Result<Self> {
@@ -146,7 +228,7 @@ impl View {
     /// through the target.
     #[inline]
     pub fn ray(&self, row: f64, col: f64) -> Ray {
-        let (row, col) = (row - 0.5 * self.rows as f64, col - 0.5 * self.cols as f64);
+        let DVec2 { x: row, y: col } = DVec2::new(row, col) - self.middle();
         match self.projection {
             Projection::Perspective { position, pixel_tangent } => {
                 let (col_axis, row_axis) = self.axes();
@@ -168,9 +250,16 @@ impl View {
         self.projector().project(point)
     }
 
+    /// Whether a point of the scene (km) is inside the image.
+    pub fn shows(&self, point: DVec3) -> bool {
+        self.project(point).is_some_and(|(row, col)| {
+            (0.0..=self.rows as f64).contains(&row) && (0.0..=self.cols as f64).contains(&col)
+        })
+    }
+
     /// Prepares the projection of many points.
     pub(crate) fn projector(&self) -> Projector {
-        let middle = 0.5 * DVec2::new(self.rows as f64, self.cols as f64);
+        let middle = self.middle();
         match self.projection {
             Projection::Perspective { position, pixel_tangent } => {
                 let (col_axis, row_axis) = self.axes();
@@ -205,7 +294,7 @@ pub(crate) struct Projector {
     axes: [DVec3; 3],
     /// The depth of the origin.
     depth: f64,
-    /// Row and column of the image centre.
+    /// Row and column of the target.
     middle: DVec2,
 }
 
@@ -235,21 +324,26 @@ impl Projector {
     }
 }
 
-/// The common target of all views (km), the point at the centre of every image.
+/// The common target of all views (km): the mean of their targets.
 ///
 /// # Errors
-/// Returns an error if there is no view, or if the targets differ by more than a metre.
+/// Returns an error if there is no view, or if one of the images does not show the common target.
 pub fn target(views: &[View]) -> Result<DVec3> {
     let Some(first) = views.first() else {
         return Err(Error::out_of_range("number of views", 0, "at least 1"));
     };
-    match views.iter().position(|view| view.target.distance(first.target) > 1e-3) {
-        None => Ok(first.target),
+    if views.iter().all(|view| view.target.distance(first.target) <= SAME_TARGET) {
+        return Ok(first.target);
+    }
+    let mean = views.iter().map(|view| view.target).sum::<DVec3>() / views.len() as f64;
+    match views.iter().position(|view| !view.shows(mean)) {
+        None => Ok(mean),
         Some(number) => Err(Error::mismatch(
             format!("target of view {number} (km)"),
-            format!("{}, the target of view 0", first.target),
+            format!("a point in the same place as those of the other views, around {mean}"),
             views[number].target,
-            "give views that look at one point",
+            "give views whose lines of sight meet in the cloud; the targets of images that were \
+             registered on the ground have an altitude of 0",
         )),
     }
 }
@@ -308,8 +402,60 @@ mod tests {
     fn views_of_one_point_have_it_as_their_target() {
         let at = |x| View::orthographic(DVec3::Z, DVec3::new(x, 0.7, 1.0), 0.05, [8, 8]).unwrap();
         assert_eq!(target(&[at(0.8), at(0.8)]).unwrap(), DVec3::new(0.8, 0.7, 1.0));
-        let message = target(&[at(0.8), at(0.8), at(0.9)]).unwrap_err().to_string();
-        assert!(message.contains("view 2") && message.contains("0.9"), "{message}");
+        let mean = target(&[at(0.8), at(0.8), at(0.83)]).unwrap();
+        assert!(mean.distance(DVec3::new(0.81, 0.7, 1.0)) < 1e-12);
+        let message = target(&[at(0.8), at(0.8), at(1.4)]).unwrap_err().to_string();
+        assert!(message.contains("view 2") && message.contains("1.4"), "{message}");
         assert!(target(&[]).is_err());
+    }
+
+    /// A part of an image has the rays and the projections of the whole image.
+    #[test]
+    fn a_part_of_an_image_sees_what_the_whole_image_sees_there() {
+        let (target, towards) = (DVec3::new(0.8, 0.7, 1.1), towards(0.7, 2.2));
+        for distance in [4.0, 700.0] {
+            let position = target + distance * towards;
+            for whole in [
+                View::perspective(position, target, 0.05 / distance, [32, 40]).unwrap(),
+                View::orthographic(towards, target, 0.05, [32, 40]).unwrap(),
+            ] {
+                let part = whole.part([2, 6], [12, 30]).unwrap().part([1, 4], [9, 20]).unwrap();
+                assert_eq!((part.rows, part.cols, part.shift), (9, 20, [-8.5, 0.0]));
+                let (one, other) = (whole.ray(4.5, 17.25), part.ray(1.5, 7.25));
+                assert!(one.origin.distance(other.origin) < 1e-9);
+                assert!(one.direction.distance(other.direction) < 1e-12);
+                let (row, col) = part.project(whole.ray(4.5, 17.25).at(1.0)).unwrap();
+                assert!((row - 1.5).abs() < 1e-6 && (col - 7.25).abs() < 1e-6);
+                assert!(whole.shows(target) && !part.shows(target));
+                for (first, size) in [([0, 0], [33, 1]), ([32, 0], [1, 1]), ([0, 0], [0, 5])] {
+                    assert!(whole.part(first, size).is_err());
+                }
+            }
+        }
+        let view = View::orthographic(towards, target, 0.05, [9, 20]).unwrap();
+        assert!(view.with_shift([f64::NAN, 0.0]).is_err());
+    }
+
+    #[test]
+    fn another_target_leaves_the_lines_of_sight() {
+        let (target, towards) = (DVec3::new(0.8, 0.7, 1.1), towards(0.7, 2.2));
+        let aim = target + DVec3::new(0.11, -0.06, 0.02);
+        let position = target + 700.0 * towards;
+        for view in [
+            View::perspective(position, target, 7e-5, [32, 40]).unwrap(),
+            View::orthographic(towards, target, 0.05, [32, 40]).unwrap(),
+        ] {
+            let aimed = view.aimed_at(aim).unwrap();
+            assert_eq!(aimed.target, aim);
+            for (row, col) in [(0.5, 0.5), (16.0, 20.0), (31.5, 3.5)] {
+                let point = view.ray(row, col).at(700.0);
+                let (other_row, other_col) = aimed.project(point).unwrap();
+                assert!((other_row - row).abs() < 0.02 && (other_col - col).abs() < 0.02);
+            }
+        }
+        // An aircraft two kilometres above sees another perspective.
+        let near = View::perspective(target + 2.0 * towards, target, 0.025, [64, 64]).unwrap();
+        let far = target + DVec3::new(0.5, 0.3, 0.0);
+        assert!(near.aimed_at(far).unwrap_err().to_string().contains("one target"));
     }
 }

@@ -28,7 +28,9 @@ pub(crate) fn observation() -> Observation {
     let camera = target + 612.3 * towards(0.7, 2.1);
     let views = vec![
         View::perspective(camera, target, 8.1e-5, [3, 4]).unwrap(),
-        View::orthographic(towards(1.1, 4.7), target, 0.05, [3, 4]).unwrap(),
+        View::orthographic(towards(1.1, 4.7), target, 0.05, [5, 7])
+            .and_then(|whole| whole.part([1, 3], [3, 4]))
+            .unwrap(),
     ];
     let values = Array3::from_shape_fn((2, 3, 4), |(v, r, c)| 0.1 * (v * 12 + r * 4 + c) as f32);
     let error = ViewStack::new(values.mapv(|value| 0.01 * value)).unwrap();

@@ -7,11 +7,19 @@ use crate::error::{Error, Result};
 use crate::image::ViewStack;
 use crate::math::DVec3;
 use crate::scene::{Observation, Projection, View};
-use ndarray::{Array1, Array2, ArrayD};
+use ndarray::{Array1, Array2, ArrayD, Axis};
 use std::path::Path;
 
 /// The dimensions of images.
 const PIXELS: [&str; 3] = ["view", "row", "col"];
+
+/// The axes of an image, with the variable that holds the position of the target on them. Pixel
+/// centres have the numbers of the axis, so that these positions also hold for parts of an image.
+const PIXEL_AXES: [(&str, &str); 2] = [("row", "target_row"), ("col", "target_col")];
+
+/// Largest angle (degrees) between the position of a camera and angles that are stored beside it:
+/// instruments round angles to 0.01 degrees.
+const ROUNDED_DEG: f64 = 0.05;
 
 /// The parameters of all cameras, with one entry or row (x, y, z) per view.
 struct Cameras {
@@ -21,6 +29,8 @@ struct Cameras {
     target: Array2<f64>,
     pixel_tangent: Vec<f64>,
     pixel_km: Vec<f64>,
+    /// The positions of the target on the axes of the image.
+    target_pixel: [Vec<f64>; 2],
 }
 
 /// Write images: `radiance(view, row, col)` (sr-1) and, if known, `radiance_standard_error`; for
@@ -43,8 +53,15 @@ pub fn write_observation(
 pub(super) fn put_observation(output: &mut Output, observation: &Observation) -> Result<()> {
     let [views, rows, cols] = observation.images.shape();
     output.counted("view", views, "index of the view")?;
-    output.counted("row", rows, "pixel row, increasing northwards")?;
-    output.counted("col", cols, "pixel column, increasing eastwards")?;
+    for ((name, _), (size, long_name)) in PIXEL_AXES.iter().zip([
+        (rows, "pixel row, increasing northwards"),
+        (cols, "pixel column, increasing eastwards"),
+    ]) {
+        // Real numbers: those of averaged pixels may lie between integers, and programs that write
+        // the average to a file retain the type.
+        let numbers: Vec<f64> = (0..size).map(|number| number as f64).collect();
+        output.dimension(name, &numbers, &[("long_name", Text(long_name))])?;
+    }
     output.counted("component", 3, "components x (east), y (north), z (up)")?;
     let radiance = [("units", Text("sr-1")), ("long_name", Text("radiance"))];
     output.variable("radiance", &PIXELS, &observation.images.values, &radiance)?;
@@ -57,7 +74,9 @@ pub(super) fn put_observation(output: &mut Output, observation: &Observation) ->
     put_light(output, observation)
 }
 
-/// Read images that [`write_observation`] wrote. All numbers are reproduced exactly.
+/// Read images that [`write_observation`] wrote. All numbers are reproduced exactly. The pixel
+/// numbers `row` and `col` tell which part of the images is left, how many pixels were averaged, and
+/// whether rows or columns are reversed.
 ///
 /// # Errors
 /// Returns an error if the file is missing, damaged or of another type, if radiances are not
@@ -76,9 +95,11 @@ pub fn read_observation(path: impl AsRef<Path>) -> Result<Observation> {
         })
     };
     let images = stack("radiance")?;
+    let window = Window::read(&input, images.shape())?;
+    let images = window.oriented(images);
     let error = "radiance_standard_error";
-    let standard_error = if input.has(error) { Some(stack(error)?) } else { None };
-    let views = read_views(&input, images.shape())?;
+    let standard_error = if input.has(error) { Some(window.oriented(stack(error)?)) } else { None };
+    let views = read_views(&input, &window, images.shape())?;
     let (light, assumed) = get_light(&input)?;
     let mut observation = Observation::new(light, views, images)
         .map_err(|problem| input.error("radiance", problem.to_string(), "write it again"))?;
@@ -159,7 +180,12 @@ fn write_cameras(output: &Output, views: &[View]) -> Result<()> {
     let tangent = one("ratio of pixel size to focal length; missing for an orthographic camera");
     output.variable("pixel_tangent", &["view"], &cameras.pixel_tangent, &tangent)?;
     let size = km("size of a pixel at the target");
-    output.variable("pixel_km", &["view"], &cameras.pixel_km, &size)
+    output.variable("pixel_km", &["view"], &cameras.pixel_km, &size)?;
+    for ((_, name), values) in PIXEL_AXES.iter().zip(&cameras.target_pixel) {
+        let position = one("position of the target on the axis of the pixels");
+        output.variable(name, &["view"], values, &position)?;
+    }
+    Ok(())
 }
 
 impl Cameras {
@@ -185,11 +211,95 @@ impl Cameras {
             target: rows(views.iter().map(|view| row(view.target)).collect()),
             pixel_tangent,
             pixel_km: views.iter().map(View::pixel_km).collect(),
+            target_pixel: [0, 1].map(|axis| {
+                let center = |view: &View| 0.5 * [view.rows, view.cols][axis] as f64 - 0.5;
+                views.iter().map(|view| center(view) - view.shift[axis]).collect()
+            }),
         }
     }
 }
 
-fn read_views(input: &Input, [count, rows, cols]: [usize; 3]) -> Result<Vec<View>> {
+/// What the pixel numbers of a file say about its images, which may be parts or averages of others.
+struct Window {
+    /// The centre of each image relative to the target, `[row, col]` (pixels).
+    shifts: Vec<[f64; 2]>,
+    /// The width of a pixel in pixels of the camera.
+    pixel: f64,
+    /// Whether the pixel numbers decrease along rows and columns.
+    reversed: [bool; 2],
+}
+
+impl Window {
+    /// # Errors
+    /// Returns an error if the numbers are not equidistant, if pixels are not squares, or if the
+    /// images are not whole and the pixel of the target is unknown.
+    fn read(input: &Input, [count, rows, cols]: [usize; 3]) -> Result<Self> {
+        let mut window = Self { shifts: vec![[0.0; 2]; count], pixel: 1.0, reversed: [false; 2] };
+        let mut steps = [1.0; 2];
+        for (axis, ((name, target), size)) in PIXEL_AXES.into_iter().zip([rows, cols]).enumerate() {
+            let [first, last] = pixel_numbers(input, name, size)?;
+            let step = if size > 1 { (last - first) / (size - 1) as f64 } else { 1.0 };
+            (steps[axis], window.reversed[axis]) = (step.abs(), step < 0.0);
+            let middle = 0.5 * (first + last);
+            if input.has(target) {
+                let at: ArrayD<f64> = input.variable_on(target, &["view"])?.reals_of_layout("1")?;
+                check_count(input, target, at.len(), count)?;
+                for (shift, at) in window.shifts.iter_mut().zip(at) {
+                    shift[axis] = (middle - at) / step.abs();
+                }
+            } else if first.min(last) != 0.0 || step.abs() != 1.0 {
+                let problem = format!(
+                    "begins with {first} in steps of {step}: the images are parts or averages of \
+                     others, and it is unknown which pixel shows the target"
+                );
+                let remedy = format!("add {target}(view), the position of the target along {name}");
+                return Err(input.error(name, problem, &remedy));
+            }
+        }
+        let [tall, wide] = steps;
+        if (tall - wide).abs() > 1e-6 * tall {
+            let problem = format!("have steps of {tall} and {wide}, but pixels must be squares");
+            return Err(input.error("row, col", problem, "average as many rows as columns"));
+        }
+        window.pixel = tall;
+        Ok(window)
+    }
+
+    /// The images with rows to the north and columns to the east.
+    fn oriented(&self, mut images: ViewStack) -> ViewStack {
+        for (axis, _) in self.reversed.iter().enumerate().filter(|(_, reversed)| **reversed) {
+            images.values.invert_axis(Axis(1 + axis));
+        }
+        images
+    }
+}
+
+/// The first and the last number of the pixels along an axis; from 0 if the file does not number
+/// them.
+fn pixel_numbers(input: &Input, name: &str, count: usize) -> Result<[f64; 2]> {
+    let last = count as f64 - 1.0;
+    if !input.has(name) {
+        return Ok([0.0, last]);
+    }
+    let numbers = input.variable_on(name, &[name])?.integers_or_reals()?;
+    check_count(input, name, numbers.len(), count)?;
+    let numbers: Vec<f64> = numbers.into_iter().collect();
+    let ends = [numbers[0], numbers[count - 1]];
+    let step = (ends[1] - ends[0]) / last.max(1.0);
+    let expected = |index: usize| ends[0] + step * index as f64;
+    let off = numbers.iter().enumerate().map(|(index, number)| (number - expected(index)).abs());
+    if off.fold(0.0, f64::max) <= 1e-6 * step.abs() || count == 1 {
+        return Ok(ends);
+    }
+    let problem = "holds pixel numbers that are not equidistant";
+    Err(input.error(name, problem, "give whole images, or select pixels in equal steps"))
+}
+
+fn read_views(
+    input: &Input,
+    window: &Window,
+    [count, rows, cols]: [usize; 3],
+) -> Result<Vec<View>> {
     let numbers = |name, unit| -> Result<Array1<f64>> {
         let values: ArrayD<f64> = input.variable_on(name, &["view"])?.reals_of_layout(unit)?;
         check_count(input, name, values.len(), count)?;
@@ -214,14 +324,20 @@ fn read_views(input: &Input, [count, rows, cols]: [usize; 3]) -> Result<Vec<View
         .map(|index| {
             let size = [rows, cols];
             let view = if orthographic[[index]] {
-                parallel(direction[index], target[index], pixel_km[index], size)
+                parallel(direction[index], target[index], window.pixel * pixel_km[index], size)
             } else {
-                View::perspective(position[index], target[index], tangent[index], size)
+                View::perspective(
+                    position[index],
+                    target[index],
+                    window.pixel * tangent[index],
+                    size,
+                )
             };
-            let view = view.map_err(|problem| {
-                let field = format!("camera of view {index}");
-                input.error(&field, problem.to_string(), "correct its position and pixel size")
-            })?;
+            let view =
+                view.and_then(|view| view.with_shift(window.shifts[index])).map_err(|problem| {
+                    let field = format!("camera of view {index}");
+                    input.error(&field, problem.to_string(), "correct its position and pixel size")
+                })?;
             check_angles(input, &view, index, zenith[index], azimuth[index])?;
             Ok(view)
         })
@@ -246,9 +362,9 @@ fn check_count(input: &Input, name: &str, found: usize, expected: usize) -> Resu
     Err(input.error(name, problem, "write one camera per image"))
 }
 
-/// Check that the angles agree with the camera position or direction. The view is defined by the
-/// latter; the angles are informative. If they disagree, one of them was edited, and it is unclear
-/// which one is intended.
+/// Check that the angles agree with the camera position or direction up to the rounding of angles.
+/// The view is defined by the latter; the angles are informative. If they disagree, one of them was
+/// edited, and it is unclear which one is intended.
 fn check_angles(
     input: &Input,
     view: &View,
@@ -257,7 +373,7 @@ fn check_angles(
     azimuth_deg: f64,
 ) -> Result<()> {
     let said = crate::math::towards(zenith_deg.to_radians(), azimuth_deg.to_radians());
-    if said.distance(view.towards()) <= 1e-6 {
+    if said.angle_between(view.towards()) <= ROUNDED_DEG.to_radians() {
         return Ok(());
     }
     let problem = format!(

@@ -374,6 +374,21 @@ impl Variable<'_> {
         }
     }
 
+    /// All values of a variable that may have integers, such as the numbers of pixels.
+    ///
+    /// # Errors
+    /// As [`Variable::values_at`].
+    pub(crate) fn integers_or_reals(&self) -> Result<ArrayD<f64>> {
+        match self.kind() {
+            Ok(TypeDescriptor::Integer(_) | TypeDescriptor::Unsigned(_)) => {
+                let all = self.everything();
+                self.check_size(&all)?;
+                self.fetch(&all)
+            }
+            _ => self.reals(),
+        }
+    }
+
     /// All values as booleans: 1 is true and 0 is false.
     ///
     /// # Errors
