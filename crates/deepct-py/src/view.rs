@@ -158,7 +158,7 @@ impl Views {
     }
 
     /// Load the views of a formation, either by its name, `"cloudct-10"` or `"pearls-32"` (cameras
-    /// at an altitude of 600 km with pixels of 50 m at nadir), or from a TOML file, whose format is
+    /// 600 km above the target with pixels of 50 m at nadir), or from a TOML file, whose format is
     /// described by `deepct render --help`.
     ///
     /// The cameras point at `target` (km) and take images of `size` (rows, cols) pixels, unless the

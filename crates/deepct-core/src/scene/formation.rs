@@ -13,7 +13,7 @@ pub const EARTH_RADIUS_KM: f64 = 6371.0;
 /// Satellites with identical cameras on one orbital arc over the scene.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Formation {
-    /// Altitude of the orbit (km).
+    /// Altitude of the orbit above the scene (km).
     pub altitude: f64,
     /// Azimuth of the flight direction, clockwise from north (radians).
     pub track_azimuth: f64,
@@ -114,8 +114,7 @@ impl Formation {
 
     /// Distance (km) between the scene and a satellite at the view zenith angle `zenith` (radians).
     pub fn distance(&self, zenith: f64) -> f64 {
-        let down = EARTH_RADIUS_KM * zenith.cos();
-        (down * down + self.altitude * (2.0 * EARTH_RADIUS_KM + self.altitude)).sqrt() - down
+        distance_on_sphere(zenith, 0.0, self.altitude)
     }
 
     /// The views of `target` (km) with images of `[rows, cols]` pixels. All cameras have the field
@@ -132,6 +131,14 @@ impl Formation {
             })
             .collect()
     }
+}
+
+/// Distance (km) from a point at the altitude `from` to one at the altitude `to` (km) above a
+/// spherical Earth, which it sees at the angle `zenith` (radians).
+pub(super) fn distance_on_sphere(zenith: f64, from: f64, to: f64) -> f64 {
+    let (radius, climb) = (EARTH_RADIUS_KM + from, to - from);
+    let down = radius * zenith.cos();
+    (down * down + climb * (2.0 * radius + climb)).sqrt() - down
 }
 
 #[cfg(test)]

@@ -1,5 +1,6 @@
 //! Lists of views as specified by users: a preset formation or a TOML file.
 
+use super::formation::distance_on_sphere;
 use super::{Formation, View};
 use crate::error::{Error, Result};
 use crate::files;
@@ -15,15 +16,15 @@ A file of views contains either one [string_of_pearls] table or one [[view]] tab
     satellites = 32              # number of satellites
     arc_km = 100.0               # distance between neighbouring satellites along the orbit
     overhead = 16                # index of the satellite above the target, counted from 0
-    altitude_km = 600.0          # altitude of the orbit
-    pixel_km = 0.05              # pixel size at nadir
+    altitude_km = 600.0          # altitude of the orbit above the target
+    pixel_km = 0.05              # pixel size at the target at nadir
     track_azimuth_deg = 0.0      # optional: flight direction, clockwise from north
 
     [[view]]                     # a perspective camera
     view_zenith_deg = 26.0       # angle at the target between the zenith and the camera
     view_azimuth_deg = 90.0      # from the target towards the camera, clockwise from north
-    altitude_km = 600.0          # altitude of the camera
-    pixel_km = 0.05              # pixel size at nadir
+    altitude_km = 600.0          # altitude of the camera, as all altitudes above z = 0
+    pixel_km = 0.05              # pixel size at z = 0 at nadir: altitude times pixel angle
 
     [[view]]                     # an orthographic camera (parallel rays) has no altitude
     view_zenith_deg = 0.0
@@ -160,22 +161,21 @@ impl Camera {
         let Some(altitude) = self.altitude_km else {
             return View::orthographic(towards(zenith, azimuth), target, self.pixel_km, size);
         };
-        if !(altitude.is_finite() && altitude > 0.0) {
-            return Err(Error::out_of_range("altitude_km", altitude, "positive and finite"));
+        if !(altitude.is_finite() && altitude > target.z) {
+            let range = format!("finite and above the target, which is at {} km", target.z);
+            return Err(Error::out_of_range("altitude_km", altitude, range));
         }
-        let alone = Formation {
-            altitude,
-            track_azimuth: azimuth,
-            view_zeniths: vec![zenith],
-            pixel_km: self.pixel_km,
-        };
-        Ok(alone.views(target, size)?.remove(0))
+        let distance = distance_on_sphere(zenith, target.z, altitude);
+        let position = target + distance * towards(zenith, azimuth);
+        View::perspective(position, target, self.pixel_km / altitude, size)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scene::Projection;
+    use crate::scene::formation::EARTH_RADIUS_KM;
 
     const TARGET: DVec3 = DVec3::new(0.8, 0.8, 1.0);
 
@@ -197,14 +197,34 @@ mod tests {
     fn single_views_are_perspective_or_orthographic() {
         let list = ViewList::parse(&example("[[view]]  ", "Optional")).unwrap();
         let views = list.views(TARGET, [8, 9]).unwrap();
-        let formation = Formation {
-            altitude: 600.0,
-            track_azimuth: 90_f64.to_radians(),
-            view_zeniths: vec![26_f64.to_radians()],
-            pixel_km: 0.05,
+        let Projection::Perspective { position, pixel_tangent } = views[0].projection else {
+            panic!("not a perspective view")
         };
-        assert_eq!(views[0], formation.views(TARGET, [8, 9]).unwrap()[0]);
+        assert!((views[0].zenith().to_degrees() - 26.0).abs() < 1e-9);
+        assert!((views[0].azimuth().to_degrees() - 90.0).abs() < 1e-9);
+        assert!((pixel_tangent - 0.05 / 600.0).abs() < 1e-12);
+        // The vertical of the camera is not that of the target.
+        let from_middle = position + EARTH_RADIUS_KM * DVec3::Z - DVec3::new(0.8, 0.8, 0.0);
+        assert!((from_middle.length() - EARTH_RADIUS_KM - 600.0).abs() < 1e-6);
         assert_eq!(views[1], View::orthographic(DVec3::Z, TARGET, 0.05, [8, 9]).unwrap());
+    }
+
+    /// A camera of an aircraft at 3 km sees a plate of 1 km at 1.1 km with pixels of 10 mrad.
+    #[test]
+    fn altitudes_are_above_the_sea() {
+        let view = |altitude: f64, pixel: f64| {
+            ViewList::parse(&format!(
+                "[[view]]\nview_zenith_deg = 0.0\nview_azimuth_deg = 0.0\n\
+                 altitude_km = {altitude:?}\npixel_km = {pixel:?}"
+            ))
+            .and_then(|list| list.views(TARGET, [120, 120]).map_err(|error| error.to_string()))
+        };
+        for (altitude, pixels) in [(3.0, 1.0 / 1.9 / 0.01), (20.0, 1.0 / 18.9 / 0.01)] {
+            let view = view(altitude, 0.01 * altitude).unwrap().remove(0);
+            let edge = |x: f64| view.project(DVec3::new(0.8 + x, 0.8, 1.1)).unwrap().1;
+            assert!((edge(0.5) - edge(-0.5) - pixels).abs() < 1e-9);
+        }
+        assert!(view(0.9, 0.01).unwrap_err().contains("above the target, which is at 1 km"));
     }
 
     #[test]
