@@ -252,6 +252,28 @@ mod tests {
         }
     }
 
+    /// Cameras below and beside the cloud, which look up, carve as satellites do, and say nothing of
+    /// what is below them.
+    #[test]
+    fn cameras_that_look_up_carve() {
+        let grid = grid();
+        let volume = sphere(grid, 0.2);
+        let (center, low) = (grid.center(), grid.lower());
+        let up = crate::math::towards(2.6, 1.0);
+        let views = vec![
+            View::looking_up(up, center.with_z(low.z + 0.05), 0.05, [40, 40]).unwrap(),
+            View::perspective(low.with_z(0.05), center, 0.05, [40, 40]).unwrap(),
+            View::perspective(low + DVec3::splat(0.02), center, 0.05, [40, 40]).unwrap(),
+        ];
+        let observation = observe(&volume, views);
+        let expected = brute_force(&observation, &grid, 1.0);
+        let carved = carve(&observation, &grid, &settings(0.0, 1.0)).unwrap().mask;
+        assert!(carved.values.iter().zip(&expected).all(|(kept, touched)| *kept || !touched));
+        let scores = score_mask(&volume, &carved).unwrap();
+        assert_eq!(scores.extinction_missed, 0.0);
+        assert!(scores.false_positive < 0.35, "{scores:?}");
+    }
+
     #[test]
     fn a_view_speaks_only_of_what_it_sees() {
         let grid = grid();

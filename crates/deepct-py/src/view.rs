@@ -43,10 +43,14 @@ impl View {
     /// A camera at infinity with parallel lines of sight. The angles (degrees, azimuth clockwise
     /// from north) give its direction as seen from `target` (km). The image has `size` (rows,
     /// cols) pixels, which are squares of `pixel_km` in the horizontal plane through the target.
+    ///
+    /// With `looks_up`, the lines of sight look up and begin in this plane; the zenith angle, which
+    /// remains that of the direction from the scene to the camera, is above 90 degrees.
     #[staticmethod]
     #[pyo3(
-        signature = (zenith_deg, azimuth_deg, target, pixel_km, size = [32, 32]),
-        text_signature = "(zenith_deg, azimuth_deg, target, pixel_km, size=(32, 32))",
+        signature = (zenith_deg, azimuth_deg, target, pixel_km, size = [32, 32], *, looks_up = false),
+        text_signature = "(zenith_deg, azimuth_deg, target, pixel_km, size=(32, 32), *, \
+                          looks_up=False)",
     )]
     fn orthographic(
         zenith_deg: f64,
@@ -54,9 +58,11 @@ impl View {
         target: Point,
         pixel_km: f64,
         size: [usize; 2],
+        looks_up: bool,
     ) -> PyResult<Self> {
         let towards = towards(zenith_deg.to_radians(), azimuth_deg.to_radians());
-        scene::View::orthographic(towards, target.into(), pixel_km, size).map(Self).map_err(raise)
+        let view = if looks_up { scene::View::looking_up } else { scene::View::orthographic };
+        view(towards, target.into(), pixel_km, size).map(Self).map_err(raise)
     }
 
     /// View zenith angle: the angle at the target between +z and the camera (degrees).

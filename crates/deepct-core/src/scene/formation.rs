@@ -134,11 +134,12 @@ impl Formation {
 }
 
 /// Distance (km) from a point at the altitude `from` to one at the altitude `to` (km) above a
-/// spherical Earth, which it sees at the angle `zenith` (radians).
+/// spherical Earth, which it sees at the angle `zenith` (radians); NaN if it cannot see it.
 pub(super) fn distance_on_sphere(zenith: f64, from: f64, to: f64) -> f64 {
     let (radius, climb) = (EARTH_RADIUS_KM + from, to - from);
     let down = radius * zenith.cos();
-    (down * down + climb * (2.0 * radius + climb)).sqrt() - down
+    let root = (down * down + climb * (2.0 * radius + climb)).sqrt();
+    if climb < 0.0 { -root - down } else { root - down }
 }
 
 #[cfg(test)]

@@ -19,7 +19,8 @@ pub enum Projection {
     },
     /// Parallel rays; pixels are squares in the horizontal plane through the target.
     Orthographic {
-        /// Unit vector from the scene towards the camera.
+        /// Unit vector from the scene towards the camera. If it points downwards, the lines of sight
+        /// look up and begin in the horizontal plane through the target.
         towards: DVec3,
         /// Pixel size in the horizontal plane (km).
         pixel_km: f64,
@@ -55,9 +56,11 @@ impl View {
     /// A perspective camera at `position` (km) pointed at `target` (km), with the pixel size over
     /// focal length `pixel_tangent` and `[rows, cols]` pixels.
     ///
+    /// The camera may be anywhere: above the scene, inside it, or below its target.
+    ///
     /// # Errors
-    /// Returns an error if the camera is not above its target, if the pixel size is not positive,
-    /// or if the image is empty.
+    /// Returns an error if the camera is at the altitude of its target, if the pixel size is not
+    /// positive, or if the image is empty.
     pub fn perspective(
         position: DVec3,
         target: DVec3,
@@ -72,8 +75,48 @@ impl View {
     /// horizontal plane through `target` (km) and `[rows, cols]` pixels.
     ///
     /// # Errors
-    /// As [`View::perspective`].
+    /// As [`View::perspective`], and if the camera is below the horizon.
     pub fn orthographic(
+        towards: DVec3,
+        target: DVec3,
+        pixel_km: f64,
+        size: [usize; 2],
+    ) -> Result<Self> {
+        if towards.z < 0.0 {
+            return Err(Error::out_of_range(
+                "view direction",
+                towards,
+                "upwards from the target to the camera, or that of a view that looks up",
+            ));
+        }
+        Self::parallel(towards, target, pixel_km, size)
+    }
+
+    /// Parallel lines of sight that look up from the horizontal plane through `target` (km) in the
+    /// direction opposite to `towards`, which points downwards, with pixels of size `pixel_km` in
+    /// this plane and `[rows, cols]` pixels.
+    ///
+    /// # Errors
+    /// As [`View::perspective`], and if the view does not look up.
+    pub fn looking_up(
+        towards: DVec3,
+        target: DVec3,
+        pixel_km: f64,
+        size: [usize; 2],
+    ) -> Result<Self> {
+        if towards.z > 0.0 {
+            let range = "downwards, as a view that looks up has its camera below its target";
+            return Err(Error::out_of_range("view direction", towards, range));
+        }
+        Self::parallel(towards, target, pixel_km, size)
+    }
+
+    /// Whether the camera is below its target.
+    pub fn looks_up(&self) -> bool {
+        self.towards().z < 0.0
+    }
+
+    fn parallel(
         towards: DVec3,
         target: DVec3,
         pixel_km: f64,
@@ -166,12 +209,9 @@ impl View {
         }
         memory::check("memory for an image", self.rows as f64 * self.cols as f64, 32.0)?;
         let towards = self.towards();
-        if !(towards.is_finite() && self.target.is_finite() && towards.z > 1e-3) {
-            return Err(Error::out_of_range(
-                "view direction",
-                towards,
-                "upwards from the target to the camera",
-            ));
+        if !(towards.is_finite() && self.target.is_finite() && towards.z.abs() > 1e-3) {
+            let range = "upwards or downwards from the target to the camera, not horizontal";
+            return Err(Error::out_of_range("view direction", towards, range));
         }
         Ok(self)
     }
@@ -214,18 +254,18 @@ impl View {
     }
 
     /// The image axes as unit vectors: column (east) and row (north), both normal to
-    /// the line of sight.
+    /// the line of sight. The image of a camera that looks up is oriented as a map, too.
     fn axes(&self) -> (DVec3, DVec3) {
         let towards = self.towards();
         let col = (DVec3::X - DVec3::X.dot(towards) * towards).normalize();
-        (col, towards.cross(col))
+        (col, towards.cross(col) * towards.z.signum())
     }
 
     /// The line of sight through a point of the image, from the camera into the scene. `row` and
     /// `col` are continuous: pixel `[r, c]` spans `r..r+1, c..c+1`.
     ///
     /// The ray of an orthographic view starts at a distance of 1000 km from the horizontal plane
-    /// through the target.
+    /// through the target, or in this plane if it looks up.
     #[inline]
     pub fn ray(&self, row: f64, col: f64) -> Ray {
         let DVec2 { x: row, y: col } = DVec2::new(row, col) - self.middle();
@@ -237,7 +277,8 @@ impl View {
             }
             Projection::Orthographic { towards, pixel_km } => {
                 let point = self.target + pixel_km * DVec3::new(col, row, 0.0);
-                Ray { origin: point + 1000.0 * towards, direction: -towards }
+                let start = if towards.z > 0.0 { 1000.0 } else { 0.0 };
+                Ray { origin: point + start * towards, direction: -towards }
             }
         }
     }
@@ -268,6 +309,7 @@ impl View {
                     origin: position,
                     axes: [row_axis / pixel_tangent, col_axis / pixel_tangent, -towards],
                     depth: 0.0,
+                    lowest: f64::NEG_INFINITY,
                     middle,
                 }
             }
@@ -279,6 +321,7 @@ impl View {
                     origin: self.target,
                     axes: [axis(DVec3::Y), axis(DVec3::X), DVec3::ZERO],
                     depth: 1.0,
+                    lowest: if towards.z > 0.0 { f64::NEG_INFINITY } else { self.target.z },
                     middle,
                 }
             }
@@ -294,6 +337,8 @@ pub(crate) struct Projector {
     axes: [DVec3; 3],
     /// The depth of the origin.
     depth: f64,
+    /// Altitude (km) below which points are behind the camera.
+    lowest: f64,
     /// Row and column of the target.
     middle: DVec2,
 }
@@ -306,13 +351,17 @@ impl Projector {
         let [row, col, depth] = self.axes.map(|axis| axis.dot(offset));
         let depth = self.depth + depth;
         let place = DVec2::new(row, col) / depth + self.middle;
-        (depth > 0.0).then_some((place.x, place.y))
+        (depth > 0.0 && point.z >= self.lowest).then_some((place.x, place.y))
     }
 
-    /// Projects equidistant points, which start at `first` and are `step` apart, to `(row, col)`.
-    /// The result is NaN for points behind the camera.
+    /// Projects equidistant points at one altitude, which start at `first` and are `step` apart, to
+    /// `(row, col)`. The result is NaN for points behind the camera.
     #[inline]
     pub(crate) fn project_row(&self, first: DVec3, step: DVec3, pixels: &mut [DVec2]) {
+        if first.z < self.lowest {
+            pixels.fill(DVec2::NAN);
+            return;
+        }
         let first = self.axes.map(|axis| axis.dot(first - self.origin));
         let step = self.axes.map(|axis| axis.dot(step));
         for (number, pixel) in pixels.iter_mut().enumerate() {
@@ -369,7 +418,7 @@ mod tests {
                     for distance in [690.0, 703.0] {
                         let (r, c) = view.project(ray.at(distance)).unwrap();
                         assert!((r - row).abs() < 1e-6 && (c - col).abs() < 1e-6);
-                        let step = DVec3::new(0.02, 0.0, 0.01);
+                        let step = DVec3::new(0.02, 0.01, 0.0);
                         let mut row = [DVec2::ZERO; 3];
                         view.projector().project_row(ray.at(distance) - step, step, &mut row);
                         assert!((row[1] - DVec2::new(r, c)).length() < 1e-8);
@@ -390,10 +439,38 @@ mod tests {
         }
     }
 
+    /// Images of cameras that look up are maps too, and show nothing below the camera.
     #[test]
-    fn a_camera_below_the_horizon_is_refused() {
+    fn a_view_may_look_up() {
+        let (target, towards) = (DVec3::new(0.8, 0.7, 0.2), towards(2.4, 2.2));
+        let up = View::looking_up(towards, target, 0.05, [32, 40]).unwrap();
+        let camera = target + 0.15 * towards;
+        let near = View::perspective(camera, target, 0.05, [32, 40]).unwrap();
+        for view in [up, near] {
+            assert!(view.looks_up());
+            let ray = view.ray(10.25, 30.5);
+            assert!(ray.direction.z > 0.0);
+            let (row, col) = view.project(ray.at(2.0)).unwrap();
+            assert!((row - 10.25).abs() < 1e-9 && (col - 30.5).abs() < 1e-9);
+            let above = target + DVec3::new(0.02, 0.03, 0.05);
+            let (row, col) = view.project(above).unwrap();
+            let (north, east) = view.project(above + DVec3::new(0.01, 0.01, 0.0)).unwrap();
+            assert!(north > row && east > col);
+            assert!(view.project(ray.at(-0.1)).is_none());
+        }
+        assert!((up.ray(16.0, 20.0).origin - target).length() < 1e-12);
+        let mut row = [DVec2::ZERO; 2];
+        up.projector().project_row(target - 0.1 * DVec3::Z, 0.05 * DVec3::X, &mut row);
+        assert!(row.iter().all(|pixel| pixel.is_nan()));
+        assert!(View::looking_up(-towards, target, 0.05, [8, 8]).is_err());
+    }
+
+    #[test]
+    fn a_camera_below_the_horizon_must_look_up_on_purpose() {
         let down = DVec3::new(0.0, 0.0, -1.0);
         assert!(View::orthographic(down, DVec3::ZERO, 0.05, [8, 8]).is_err());
+        let level = DVec3::new(1.0, 0.0, 0.0);
+        assert!(View::perspective(level, DVec3::ZERO, 0.05, [8, 8]).is_err());
         assert!(View::perspective(DVec3::ZERO, DVec3::ZERO, 1e-5, [8, 8]).is_err());
         assert!(View::orthographic(DVec3::Z, DVec3::ZERO, 0.0, [8, 8]).is_err());
     }

@@ -25,11 +25,14 @@ A file of views contains either one [string_of_pearls] table or one [[view]] tab
     view_azimuth_deg = 90.0      # from the target towards the camera, clockwise from north
     altitude_km = 600.0          # altitude of the camera, as all altitudes above z = 0
     pixel_km = 0.05              # pixel size at z = 0 at nadir: altitude times pixel angle
+                                 # (at the target for a camera below its target)
 
     [[view]]                     # an orthographic camera (parallel rays) has no altitude
     view_zenith_deg = 0.0
     view_azimuth_deg = 0.0
     pixel_km = 0.05              # pixel size in the horizontal plane
+    looks_up = false             # optional: true for lines of sight that look up from this plane
+                                 # (with a zenith angle above 90 degrees)
 
 Optional keys before these tables: target_km = [x, y, z], the point at the centre of every
 image (default: the centre of the cloud's grid), and image_size = [rows, cols] (default: that
@@ -79,6 +82,8 @@ struct Camera {
     view_azimuth_deg: f64,
     altitude_km: Option<f64>,
     pixel_km: f64,
+    #[serde(default)]
+    looks_up: bool,
 }
 
 impl ViewList {
@@ -158,16 +163,32 @@ impl Camera {
     fn view(&self, target: DVec3, size: [usize; 2]) -> Result<View> {
         let zenith = self.view_zenith_deg.to_radians();
         let azimuth = self.view_azimuth_deg.to_radians();
-        let Some(altitude) = self.altitude_km else {
-            return View::orthographic(towards(zenith, azimuth), target, self.pixel_km, size);
-        };
-        if !(altitude.is_finite() && altitude > target.z) {
-            let range = format!("finite and above the target, which is at {} km", target.z);
-            return Err(Error::out_of_range("altitude_km", altitude, range));
+        let towards = towards(zenith, azimuth);
+        let below = towards.z < 0.0;
+        match self.altitude_km {
+            None if below != self.looks_up => {
+                let range = "below 90 degrees: the angle at the target between the zenith and the \
+                             camera; above 90 degrees for a view that looks up (looks_up = true)";
+                Err(Error::out_of_range("view_zenith_deg", self.view_zenith_deg, range))
+            }
+            None if below => View::looking_up(towards, target, self.pixel_km, size),
+            None => View::orthographic(towards, target, self.pixel_km, size),
+            Some(altitude) => {
+                let side = if below { "below" } else { "above" };
+                let is_there = if below { altitude < target.z } else { altitude > target.z };
+                let distance = distance_on_sphere(zenith, target.z, altitude);
+                if !(altitude.is_finite() && is_there && distance.is_finite()) {
+                    let range = format!(
+                        "finite and {side} the target at {} km for a view zenith angle of {} degrees",
+                        target.z, self.view_zenith_deg
+                    );
+                    return Err(Error::out_of_range("altitude_km", altitude, range));
+                }
+                let position = target + distance * towards;
+                let from_pixel = if below { distance } else { altitude };
+                View::perspective(position, target, self.pixel_km / from_pixel, size)
+            }
         }
-        let distance = distance_on_sphere(zenith, target.z, altitude);
-        let position = target + distance * towards(zenith, azimuth);
-        View::perspective(position, target, self.pixel_km / altitude, size)
     }
 }
 
@@ -224,7 +245,30 @@ mod tests {
             let edge = |x: f64| view.project(DVec3::new(0.8 + x, 0.8, 1.1)).unwrap().1;
             assert!((edge(0.5) - edge(-0.5) - pixels).abs() < 1e-9);
         }
-        assert!(view(0.9, 0.01).unwrap_err().contains("above the target, which is at 1 km"));
+        assert!(view(0.9, 0.01).unwrap_err().contains("above the target at 1 km"));
+    }
+
+    #[test]
+    fn views_look_up_on_purpose() {
+        let read = |text: &str| {
+            let view =
+                format!("target_km = [0.0, 0.0, 1.0]\n[[view]]\nview_azimuth_deg = 30.0\n{text}");
+            ViewList::parse(&view)
+                .and_then(|list| list.views(TARGET, [8, 8]).map_err(|error| error.to_string()))
+        };
+        let up = read("view_zenith_deg = 140.0\npixel_km = 0.1\nlooks_up = true").unwrap();
+        assert!(up[0].looks_up() && up[0].ray(4.0, 4.0).origin.z == 1.0);
+        let near = read("view_zenith_deg = 140.0\npixel_km = 0.1\naltitude_km = 0.5").unwrap();
+        let Projection::Perspective { position, .. } = near[0].projection else { panic!() };
+        assert!((position.z - 0.5).abs() < 1e-3);
+        for wrong in [
+            "view_zenith_deg = 140.0\npixel_km = 0.1",
+            "view_zenith_deg = 40.0\npixel_km = 0.1\nlooks_up = true",
+            "view_zenith_deg = 40.0\npixel_km = 0.1\naltitude_km = 0.5",
+            "view_zenith_deg = 140.0\npixel_km = 0.1\naltitude_km = 5.0",
+        ] {
+            assert!(read(wrong).is_err(), "{wrong}");
+        }
     }
 
     #[test]

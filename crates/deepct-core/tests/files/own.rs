@@ -31,8 +31,9 @@ pub(crate) fn observation() -> Observation {
         View::orthographic(towards(1.1, 4.7), target, 0.05, [5, 7])
             .and_then(|whole| whole.part([1, 3], [3, 4]))
             .unwrap(),
+        View::looking_up(towards(2.2, 4.7), target, 0.05, [3, 4]).unwrap(),
     ];
-    let values = Array3::from_shape_fn((2, 3, 4), |(v, r, c)| 0.1 * (v * 12 + r * 4 + c) as f32);
+    let values = Array3::from_shape_fn((3, 3, 4), |(v, r, c)| 0.1 * (v * 12 + r * 4 + c) as f32);
     let error = ViewStack::new(values.mapv(|value| 0.01 * value)).unwrap();
     let sun = Sun { irradiance: 1.7, ..Sun::from_degrees(33.3, 217.1).unwrap() };
     let mut observation = Observation::new(sun, views, ViewStack::new(values).unwrap()).unwrap();
@@ -317,7 +318,7 @@ fn angles_that_do_not_fit_the_camera_are_refused() {
     let (_folder, path) = place("images.nc");
     io::write_observation(&path, &observation(), &provenance()).unwrap();
     let file = hdf5::File::open_rw(&path).unwrap();
-    let angles = Array1::from(vec![10.0, 20.0]);
+    let angles = Array1::from(vec![10.0, 20.0, 30.0]);
     file.dataset("view_zenith_deg").unwrap().write(angles.view()).unwrap();
     file.close().unwrap();
     check_refusal(io::read_observation(&path), &path, "view_zenith_deg");

@@ -94,6 +94,8 @@ class View:
         target: _Point,
         pixel_km: float,
         size: tuple[int, int] = (32, 32),
+        *,
+        looks_up: bool = False,
     ) -> View: ...
     @property
     def zenith_deg(self) -> float: ...

@@ -17,13 +17,18 @@ const PIXELS: [&str; 3] = ["view", "row", "col"];
 /// centres have the numbers of the axis, so that these positions also hold for parts of an image.
 const PIXEL_AXES: [(&str, &str); 2] = [("row", "target_row"), ("col", "target_col")];
 
+/// The values of the variable `projection`.
+const PERSPECTIVE: u8 = 0;
+const ORTHOGRAPHIC: u8 = 1;
+const LOOKING_UP: u8 = 2;
+
 /// Largest angle (degrees) between the position of a camera and angles that are stored beside it:
 /// instruments round angles to 0.01 degrees.
 const ROUNDED_DEG: f64 = 0.05;
 
 /// The parameters of all cameras, with one entry or row (x, y, z) per view.
 struct Cameras {
-    orthographic: Vec<u8>,
+    projection: Vec<u8>,
     position: Array2<f64>,
     direction: Array2<f64>,
     target: Array2<f64>,
@@ -164,11 +169,11 @@ fn write_cameras(output: &Output, views: &[View]) -> Result<()> {
     output.variable(
         "projection",
         &["view"],
-        &cameras.orthographic,
+        &cameras.projection,
         &[
             ("long_name", Text("camera projection")),
-            ("flag_values", Flags(&[0, 1])),
-            ("flag_meanings", Text("perspective orthographic")),
+            ("flag_values", Flags(&[PERSPECTIVE, ORTHOGRAPHIC, LOOKING_UP])),
+            ("flag_meanings", Text("perspective orthographic orthographic_looking_up")),
         ],
     )?;
     let position = km("camera position; missing for an orthographic camera");
@@ -202,10 +207,13 @@ impl Cameras {
                 Projection::Orthographic { .. } => (row(nowhere), f64::NAN),
             })
             .unzip();
-        let is_orthographic =
-            |view: &View| u8::from(matches!(view.projection, Projection::Orthographic { .. }));
+        let projection = |view: &View| match view.projection {
+            Projection::Perspective { .. } => PERSPECTIVE,
+            Projection::Orthographic { .. } if view.looks_up() => LOOKING_UP,
+            Projection::Orthographic { .. } => ORTHOGRAPHIC,
+        };
         Self {
-            orthographic: views.iter().map(is_orthographic).collect(),
+            projection: views.iter().map(projection).collect(),
             position: rows(position),
             direction: rows(views.iter().map(|view| row(view.towards())).collect()),
             target: rows(views.iter().map(|view| row(view.target)).collect()),
@@ -312,8 +320,8 @@ fn read_views(
         let values = values.into_raw_vec_and_offset().0;
         Ok(values.chunks_exact(3).map(DVec3::from_slice).collect())
     };
-    let orthographic = input.variable_on("projection", &["view"])?.flags()?;
-    check_count(input, "projection", orthographic.len(), count)?;
+    let projection = input.variable_on("projection", &["view"])?.integers_or_reals()?;
+    check_count(input, "projection", projection.len(), count)?;
     let (position, direction) =
         (vectors("camera_position", "km")?, vectors("camera_direction", "1")?);
     let target = vectors("target", "km")?;
@@ -323,16 +331,19 @@ fn read_views(
     (0..count)
         .map(|index| {
             let size = [rows, cols];
-            let view = if orthographic[[index]] {
-                parallel(direction[index], target[index], window.pixel * pixel_km[index], size)
+            let (target, pixel_km) = (target[index], window.pixel * pixel_km[index]);
+            let kind = projection[[index]];
+            let view = if kind == f64::from(PERSPECTIVE) {
+                View::perspective(position[index], target, window.pixel * tangent[index], size)
+            } else if kind == f64::from(ORTHOGRAPHIC) {
+                View::orthographic(direction[index], target, pixel_km, size)
+            } else if kind == f64::from(LOOKING_UP) {
+                View::looking_up(direction[index], target, pixel_km, size)
             } else {
-                View::perspective(
-                    position[index],
-                    target[index],
-                    window.pixel * tangent[index],
-                    size,
-                )
+                let range = "0 (perspective), 1 (orthographic) or 2 (orthographic, looking up)";
+                Err(Error::out_of_range("projection", kind, range))
             };
+            let view = view.and_then(|view| exactly(view, direction[index]));
             let view =
                 view.and_then(|view| view.with_shift(window.shifts[index])).map_err(|problem| {
                     let field = format!("camera of view {index}");
@@ -344,13 +355,13 @@ fn read_views(
         .collect()
 }
 
-/// An orthographic view with exactly the given direction. Normalising a unit vector again may
-/// change it.
-fn parallel(towards: DVec3, target: DVec3, pixel_km: f64, size: [usize; 2]) -> Result<View> {
+/// The view, with exactly the given direction if it is orthographic. Normalising a unit vector again
+/// may change it.
+fn exactly(view: View, towards: DVec3) -> Result<View> {
+    let Projection::Orthographic { pixel_km, .. } = view.projection else { return Ok(view) };
     if !towards.is_normalized() {
         return Err(Error::out_of_range("camera direction", towards, "a unit vector"));
     }
-    let view = View::orthographic(towards, target, pixel_km, size)?;
     Ok(View { projection: Projection::Orthographic { towards, pixel_km }, ..view })
 }
 

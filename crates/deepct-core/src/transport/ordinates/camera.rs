@@ -103,23 +103,25 @@ pub(super) struct Prepared {
 /// Light of the molecular atmosphere in the block of cells along the rays of a tile.
 #[derive(Debug)]
 struct AirLight {
-    /// Altitude of the top of the block (km), and number of levels per kilometre.
-    top: f64,
+    /// Altitude at which the rays enter the block (km): that of its top, or of its bottom for rays
+    /// that go up.
+    start: f64,
+    /// Number of levels per kilometre; negative for rays that go down.
     levels_per_km: f64,
-    /// Radiance that the molecular atmosphere between the top and a level scatters into a ray, seen
-    /// from the top, and transmittance; empty without a molecular atmosphere.
+    /// Radiance that the molecular atmosphere between the start and a level scatters into a ray,
+    /// seen from the start, and transmittance; empty without a molecular atmosphere.
     levels: Vec<[f64; 2]>,
 }
 
 impl AirLight {
-    /// Radiance and transmittance between the top and an altitude (km).
+    /// Radiance and transmittance between the start and an altitude (km).
     #[inline]
     fn at(&self, altitude: f64) -> [f64; 2] {
         if self.levels.is_empty() {
             return [0.0, 1.0];
         }
         let last = (self.levels.len() - 1) as f64;
-        let place = ((self.top - altitude) * self.levels_per_km).clamp(0.0, last);
+        let place = ((altitude - self.start) * self.levels_per_km).clamp(0.0, last);
         let level = (place as usize).min(self.levels.len() - 2);
         let part = place - level as f64;
         let [above, below] = [self.levels[level], self.levels[level + 1]];
@@ -222,14 +224,16 @@ impl Camera<'_> {
     /// Light of the molecular atmosphere along the rays of a tile.
     fn air_light(&self, tile: &Tile, view: &View) -> AirLight {
         let grid = &self.rays.lattice.grid;
-        let (top, height) = (grid.upper().z, grid.extent().z);
+        let height = grid.extent().z;
+        let direction = -tile.direction(view);
         let steps = (AIR_LEVELS - 1) as f64;
-        let mut light = AirLight { top, levels_per_km: steps / height, levels: Vec::new() };
+        let start = if direction.z > 0.0 { grid.lower().z } else { grid.upper().z };
+        let levels_per_km = (steps / height).copysign(direction.z);
+        let mut light = AirLight { start, levels_per_km, levels: Vec::new() };
         if self.surroundings.has_air() {
-            let direction = -tile.direction(view);
             let level = |number: usize| {
                 let length = number as f64 / steps * height / direction.z.abs();
-                let ray = Ray { origin: DVec3::new(0.0, 0.0, top), direction };
+                let ray = Ray { origin: DVec3::new(0.0, 0.0, start), direction };
                 let transmittance = self.surroundings.transmittance(&ray, 0.0, length);
                 [self.surroundings.before(&ray, length), transmittance]
             };
@@ -327,16 +331,16 @@ impl Camera<'_> {
         let mut depth = 0.0;
         // Distances at which the ray enters the first cell and leaves the last one so far.
         let mut inside: Option<[f64; 2]> = None;
-        // Transmittance to the top of the block, and light of the molecular atmosphere up to the
-        // last cell.
-        let (mut to_top, mut light) = (1.0, 0.0);
+        // Transmittance from the camera to where rays enter the block, and light of the molecular
+        // atmosphere up to the last cell.
+        let (mut to_start, mut light) = (1.0, 0.0);
         for segment in lattice.segments(ray) {
             let number = segment.number;
             let leave = segment.enter + segment.length;
             if inside.is_none() {
                 let [seen, passed] = air.at(altitude(segment.enter));
                 light = seen;
-                to_top = self.surroundings.transmittance(&ray, 0.0, segment.enter) / passed;
+                to_start = self.surroundings.transmittance(&ray, 0.0, segment.enter) / passed;
                 optics.densities(ray.direction.dot(self.sun), changes, densities);
             }
             inside = Some([inside.map_or(segment.enter, |ends| ends[0]), leave]);
@@ -349,7 +353,7 @@ impl Camera<'_> {
             // discontinuous where their number changes.
             let thickness = scaling * f64::from(lattice.active()[number].prepared) / STEP;
             let [entered, _] = air.at(altitude(segment.enter));
-            let mut gap = to_top * (entered - light) * f64::exp(-depth);
+            let mut gap = to_start * (entered - light) * f64::exp(-depth);
             light = entered;
             lattice.cells(&segment, |cell| {
                 let slot = cell.slot;
@@ -384,7 +388,7 @@ impl Camera<'_> {
                             source: single * lit + diffuse,
                             sunlight: single * lit,
                             broadening: change * lit,
-                            transmittance: to_top * passed * (-to_camera).exp(),
+                            transmittance: to_start * passed * (-to_camera).exp(),
                         }
                     };
                     steps.push(Step {
@@ -393,7 +397,7 @@ impl Camera<'_> {
                         scaling,
                         length,
                         before: std::mem::take(&mut gap),
-                        air: to_top * (seen - light) * (-depth - part(before_middle)).exp(),
+                        air: to_start * (seen - light) * (-depth - part(before_middle)).exp(),
                     });
                     light = seen;
                     depth += part([0.5, 0.5]);
@@ -408,7 +412,7 @@ impl Camera<'_> {
         let [last, _] = air.at(altitude(leave));
         Background {
             before: self.surroundings.before(&ray, enter)
-                + to_top * (last - light) * f64::exp(-depth),
+                + to_start * (last - light) * f64::exp(-depth),
             transmittance: self.surroundings.transmittance(&ray, 0.0, leave) * (-depth).exp(),
             outside: self.surroundings.outside(&behind, self.on_surface),
         }

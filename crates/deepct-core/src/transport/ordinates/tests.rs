@@ -169,6 +169,55 @@ fn images_are_those_of_random_paths() {
     }
 }
 
+/// Cameras below the cloud, beside it inside the grid, and in it. The Monte Carlo solver follows rays
+/// of any origin and direction.
+#[test]
+fn cameras_may_look_up_and_stand_inside_the_scene() {
+    let extinction = cloud(30.0);
+    let center = extinction.grid.center();
+    let (low, high) = (extinction.grid.lower(), extinction.grid.upper());
+    let see =
+        |position: DVec3, target: DVec3| View::perspective(position, target, 0.05, [8, 8]).unwrap();
+    let below = DVec3::new(high.x, center.y, 0.05);
+    let beside = DVec3::new(high.x - 0.01, center.y, low.z + 0.05);
+    let views = [
+        see(below, center),
+        see(beside, center + 0.4 * (center - beside).with_z(0.0)),
+        see(DVec3::new(low.x + 0.01, center.y, high.z - 0.02), center),
+        see(center, center + DVec3::new(-0.4, -0.4, 0.1)),
+        View::looking_up(towards(2.5, 3.5), center.with_z(low.z), 0.06, [8, 8]).unwrap(),
+    ];
+    let OrdinatesModel { scene, .. } = model(&extinction, Interpolation::Constant, Boundary::Open);
+    let surface = Surface { altitude: 0.0, ..Surface::lambertian(0.2) };
+    let air = Some(Air::new(0.55).unwrap());
+    let scene = Scene { surface, air, ..scene };
+    let settings = OrdinatesSettings {
+        rays_per_pixel: 55,
+        cell_depth: 0.5,
+        zenith_angles: 16,
+        ..Default::default()
+    };
+    let images = OrdinatesModel::new(&scene, &views, None, &settings)
+        .and_then(|mut model| model.images(&extinction))
+        .unwrap();
+    let settings = MonteCarloSettings { samples_per_pixel: 10_000, ..Default::default() };
+    let truth = render(&scene, &views, &Solver::MonteCarlo(settings), &()).unwrap();
+    for view in 0..views.len() {
+        let mean = |stack: &ViewStack| f64::from(stack.image(view).mean().unwrap());
+        let error = truth.standard_error.as_ref().unwrap().image(view);
+        let squares: f64 = error.iter().map(|e| f64::from(e * e)).sum();
+        let noise = squares.sqrt() / error.len() as f64;
+        let (found, expected) = (mean(&images), mean(&truth.images));
+        assert!(
+            (found - expected).abs() < 0.01 * expected + 3.0 * noise,
+            "view {view}: {found} {expected} +- {noise}"
+        );
+    }
+    let towards_sun = View::perspective(below, below + 0.2 * scene.sun.towards(), 0.05, [8, 8]);
+    let problem = OrdinatesModel::new(&scene, &[towards_sun.unwrap()], None, &Default::default());
+    assert!(problem.err().unwrap().to_string().contains("aureole"));
+}
+
 /// A cloud above a black surface, without a molecular atmosphere.
 pub(super) fn bare(extinction: &Volume, asymmetry: f64) -> Scene {
     let phase = PhaseFunction::henyey_greenstein(asymmetry).unwrap();
@@ -228,7 +277,7 @@ fn pixels_of_any_size_see_the_same_voxel() {
         let images = solved(&scene, &[view(size, count)]);
         size * size * images.values.iter().map(|value| f64::from(*value)).sum::<f64>()
     };
-    let paths = MonteCarloSettings { samples_per_pixel: 20_000, ..Default::default() };
+    let paths = MonteCarloSettings { samples_per_pixel: 200_000, ..Default::default() };
     let one = view(0.05, 8);
     let truth = render(&scene, &[one], &Solver::MonteCarlo(paths), &()).unwrap();
     let expected =
