@@ -15,7 +15,7 @@ const PIXELS: [&str; 3] = ["view", "row", "col"];
 
 /// The parameters of all cameras, with one entry or row (x, y, z) per view.
 struct Cameras {
-    orthographic: Vec<u8>,
+    orthographic: Vec<i8>,
     position: Array2<f64>,
     direction: Array2<f64>,
     target: Array2<f64>,
@@ -177,7 +177,7 @@ impl Cameras {
             })
             .unzip();
         let is_orthographic =
-            |view: &View| u8::from(matches!(view.projection, Projection::Orthographic { .. }));
+            |view: &View| i8::from(matches!(view.projection, Projection::Orthographic { .. }));
         Self {
             orthographic: views.iter().map(is_orthographic).collect(),
             position: rows(position),
