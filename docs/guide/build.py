@@ -28,6 +28,8 @@ REPORTS = "reports"
 """Folder of the reports in the built guide."""
 OTHER_REPORTS = {"weights_tools.md": ROOT / "weights_tools" / "README.md"}
 """Reports that are not in docs/, by their names in the built guide."""
+FINDINGS = ROOT / "findings"
+"""Scripts that pages refer to."""
 PLACEHOLDER = "<!-- The reference is generated from the docstrings by build.py. -->"
 RUNS = "# runs"
 """First line of a Python block that run_commands.py runs; readers do not see it."""
@@ -193,8 +195,13 @@ def copy_pages(folder: Path) -> None:
     for path in pages.rglob("*.md"):
         text = path.read_text(encoding="utf-8")
         text = text.replace("](../../../weights_tools/README.md", f"]({REPORTS}/weights_tools.md")
+        text = text.replace("](../../../findings/", "](findings/")
         text = text.replace("](../../notes/", f"]({REPORTS}/")
         path.write_text(text.replace(f"```python\n{RUNS}\n", "```python\n"), encoding="utf-8")
+    scripts = pages / FINDINGS.name
+    scripts.mkdir()
+    for path in FINDINGS.glob("*.sh"):
+        shutil.copyfile(path, scripts / path.name)
     for name, path in reports().items():
         (pages / REPORTS).mkdir(exist_ok=True)
         shutil.copyfile(path, pages / REPORTS / name)

@@ -3,6 +3,9 @@
 import os
 import shutil
 import subprocess
+import sys
+from importlib.machinery import ModuleSpec
+from types import ModuleType
 
 import numpy as np
 import pytest
@@ -53,11 +56,33 @@ def test_deepct_lays_images_on_planes_and_gives_all_outputs_as_pytorch_does(tmp_
         ([3 * 4, 24, 32], planes_metadata([0.6, 1.12, 1.61], 32)),
     ],
 )
-def test_onnx_runtime_gives_the_answer_of_pytorch(tmp_path, channels, metadata):
+def test_onnx_runtimes_give_the_answer_of_pytorch(tmp_path, channels, metadata):
     pytest.importorskip("onnxruntime")
     checkpoint, weights = exported(tmp_path, channels, metadata, ".onnx")
-    (engine,) = engines(weights, "no program")
-    assert max(check(checkpoint, weights, engine)) <= SAME
+    found = engines(weights, "no program")
+    # The others, OpenVINO and tract, are compared where they are installed.
+    assert found[0].name == "onnxruntime" and found[0].tolerance == SAME
+    for engine in found:
+        assert max(check(checkpoint, weights, engine)) <= engine.tolerance, engine.name
+
+
+def test_openvino_is_compared_where_it_is_installed(tmp_path, monkeypatch):
+    """With the setting without which it computes in bfloat16 on some processors."""
+    metadata, asked = weights_metadata(1, 4), {}
+    _, weights = exported(tmp_path, [1, 4], metadata, ".onnx")
+
+    class Core:
+        def compile_model(self, path, device, properties):
+            asked.update(properties, path=path, device=device)
+            return lambda inputs: {"extinction": np.zeros((1, 4, *inputs["radiance"].shape[2:]))}
+
+    module = ModuleType("openvino")
+    module.__spec__, module.Core = ModuleSpec("openvino", None), Core
+    monkeypatch.setitem(sys.modules, "openvino", module)
+    (engine,) = [each for each in engines(weights, "no program") if each.name == "openvino"]
+    assert engine.run(np.zeros((1, 5, 6), np.float32), metadata).shape == (4, 5, 6)
+    assert asked["INFERENCE_PRECISION_HINT"] == "f32" and asked["path"] == str(weights)
+    assert "INFERENCE_PRECISION_HINT=f32" in engine.settings
 
 
 @needs_deepct

@@ -1,4 +1,5 @@
-"""The files of deepct can be read by xarray, with both of its engines, and by h5py."""
+"""The files of deepct can be read and edited by xarray, with both of its engines, by h5py, by
+netCDF4 and, where they are installed, by the programs of netCDF, by NCO and by CDO."""
 
 import json
 import os
@@ -16,6 +17,7 @@ from weights_tools.checkpoint import write_whole
 DEEPCT = os.environ.get("DEEPCT") or shutil.which("deepct")
 ENGINES = ("h5netcdf", "netcdf4")
 FIELD = ("z", "y", "x")
+OF_HDF5 = {"DIMENSION_LIST", "REFERENCE_LIST", "CLASS", "NAME"}
 
 
 def deepct(folder, arguments):
@@ -92,6 +94,145 @@ def test_what_xarray_writes_is_read_back(folder, engine):
     deepct(folder, f"carve images.nc --grid part-{engine}.nc --out part-mask.nc")
     with xarray.open_dataset(folder / "part-mask.nc") as mask:
         np.testing.assert_allclose(mask.z, part.z, atol=1e-12)
+
+
+def test_netcdf_edits_and_extends_a_file(folder):
+    path = shutil.copy(folder / "cloud.nc", folder / "edited.nc")
+    with netCDF4.Dataset(path, "a") as file:
+        lwc = file["lwc"][:]
+        file["lwc"].units = "kg m-3"
+        file["lwc"][:] = 1e-3 * lwc
+        file.comment = "in kilograms"
+        file.createVariable("temperature", "f4", FIELD)[:] = 280.0
+        assert file.seed == 7 and file.ncattrs()[0] == "Conventions"
+    xarray.Dataset({"humidity": (FIELD, np.ones(lwc.shape))}).to_netcdf(path, mode="a")
+    deepct(folder, "score --truth cloud.nc edited.nc")
+    with xarray.open_dataset(path) as file:
+        assert {"temperature", "humidity", "lwc"} <= set(file)
+        np.testing.assert_allclose(file.lwc, 1e-3 * lwc, rtol=1e-6)
+
+
+@pytest.mark.parametrize("file", ["cloud.nc", "mask.nc", "images.nc"])
+def test_files_need_no_feature_that_some_programs_lack(folder, file):
+    """Types of classic netCDF, text of fixed length, no checksum filter, and fill values that no
+    value equals, which programs read that refer to the chunks of a file."""
+    classic = {np.dtype(kind) for kind in ("i1", "i4", "f4", "f8")}
+    with h5py.File(folder / file) as raw:
+        for variable in [raw, *raw.values()]:
+            for name in set(variable.attrs) - OF_HDF5:
+                kind = variable.attrs.get_id(name).dtype
+                assert kind.kind == "S" or kind in classic, name
+        for name, variable in raw.items():
+            if name != "bnds":
+                assert variable.dtype in classic and not variable.fletcher32
+                assert not np.any(variable[()] == variable.fillvalue) and variable.fillvalue != 0
+
+
+@pytest.mark.parametrize("file", ["cloud.nc", "mask.nc", "images.nc"])
+def test_references_to_chunks_give_the_values(folder, file):
+    hdf = pytest.importorskip("kerchunk.hdf")
+    references = hdf.SingleHdf5ToZarr(str(folder / file)).translate()
+    options = {"consolidated": False, "storage_options": {"fo": references}}
+    with (
+        xarray.open_dataset(folder / file) as direct,
+        xarray.open_dataset("reference://", engine="zarr", backend_kwargs=options) as referred,
+    ):
+        for name, variable in direct.variables.items():
+            np.testing.assert_array_equal(referred[name].values, variable.values, err_msg=name)
+
+
+def test_coordinates_have_bounds_and_few_decimals(folder):
+    with xarray.open_dataset(folder / "cloud.nc") as cloud:
+        assert cloud.z.values.tolist() == [0.5, 0.54, 0.58, 0.62, 0.66, 0.7, 0.74, 0.78]
+        assert cloud.z.attrs["bounds"] == "z_bnds"
+        faces = cloud.z_bnds.values
+        np.testing.assert_array_equal(faces[1:, 0], faces[:-1, 1])
+        assert [faces[0, 0], faces[-1, 1]] == [0.48, 0.8]
+
+
+def run(folder, command):
+    return subprocess.run(command, cwd=folder, check=True, capture_output=True, text=True, shell=True)
+
+
+@pytest.mark.skipif(not shutil.which("nccopy"), reason="the programs of netCDF are not installed")
+@pytest.mark.parametrize("file", ["cloud.nc", "mask.nc", "images.nc"])
+def test_nccopy_writes_classic_files(folder, file):
+    for kind in ("classic", "cdf5", "nc7", "nc4"):
+        run(folder, f"nccopy -k {kind} {file} copy.nc")
+        with (
+            xarray.open_dataset(folder / file) as direct,
+            xarray.open_dataset(folder / "copy.nc", engine="netcdf4") as copy,
+        ):
+            assert direct.attrs == copy.attrs
+            for name, variable in direct.variables.items():
+                np.testing.assert_array_equal(copy[name].values, variable.values, err_msg=name)
+
+
+@pytest.mark.skipif(not shutil.which("ncatted"), reason="NCO is not installed")
+def test_nco_edits_files_and_selects_levels(folder):
+    shutil.copy(folder / "cloud.nc", folder / "nco.nc")
+    run(folder, "ncatted -a comment,lwc,o,c,edited nco.nc")
+    run(folder, "ncrename -v veff,variance nco.nc")
+    run(folder, "ncks -A -v mask mask.nc nco.nc")
+    run(folder, "ncks -O -d z,0.66,0.7 nco.nc levels.nc")
+    with xarray.open_dataset(folder / "levels.nc") as levels:
+        assert levels.z.values.tolist() == [0.66, 0.7]
+        assert levels.lwc.attrs["comment"] == "edited" and {"variance", "mask"} <= set(levels)
+
+
+@pytest.mark.skipif(not shutil.which("cdo"), reason="CDO is not installed")
+def test_cdo_integrates_between_the_bounds(folder):
+    run(folder, "cdo -s -f nc4 vertint -selname,lwc cloud.nc path.nc")
+    with (
+        xarray.open_dataset(folder / "cloud.nc") as cloud,
+        xarray.open_dataset(folder / "path.nc") as path,
+    ):
+        expected = 0.04 * cloud.lwc.sum("z")
+        np.testing.assert_allclose(path.lwc.squeeze(), expected, rtol=1e-5, atol=1e-7)
+
+
+def write_as_version_0_1(source, target):
+    """Copy a file in the form that deepct 0.1.0 wrote: text of variable length, unsigned integers,
+    checksums, no fill values and no bounds."""
+    with h5py.File(source) as new, h5py.File(target, "w", libver=("v108", "latest")) as old:
+        for name, variable in new.items():
+            if name.endswith("bnds"):
+                continue
+            values = variable[()]
+            unsigned = values.astype("u1") if values.dtype == np.int8 else values
+            chunks = {"chunks": True, "fletcher32": True} if variable.chunks else {}
+            old.create_dataset(name, data=unsigned, **chunks)
+        for name, variable in old.items():
+            if new[name].is_scale:
+                variable.make_scale(name)
+        for name, variable in [("/", old), *old.items()]:
+            for key, value in new[name].attrs.items():
+                if key not in OF_HDF5 | {"bounds"}:
+                    text = isinstance(value, bytes)
+                    variable.attrs[key] = value.decode() if text else value
+            for axis, scales in enumerate([] if name == "/" else new[name].dims):
+                for scale in scales.keys():
+                    if not new[name].is_scale:
+                        variable.dims[axis].attach_scale(old[scale])
+        old.attrs["seed"] = np.uint64(7)
+
+
+def test_files_of_version_0_1_are_read(folder):
+    for file in ("cloud", "images", "mask"):
+        write_as_version_0_1(folder / f"{file}.nc", folder / f"old_{file}.nc")
+    deepct(folder, "carve old_images.nc --grid old_cloud.nc --seed 7 --out of_old.nc")
+    run(folder, f"{DEEPCT} score --truth old_cloud.nc cloud.nc")
+    command = "infer old_images.nc --grid cloud.nc --out {}.nc --mask {}.nc"
+    deepct(folder, command.format("of_old_mask", "old_mask"))
+    deepct(folder, command.format("of_mask", "mask"))
+    with (
+        xarray.open_dataset(folder / "mask.nc") as mask,
+        xarray.open_dataset(folder / "of_old.nc") as of_old,
+        xarray.open_dataset(folder / "of_mask.nc") as volume,
+        xarray.open_dataset(folder / "of_old_mask.nc") as of_old_mask,
+    ):
+        np.testing.assert_array_equal(of_old.mask, mask.mask)
+        np.testing.assert_array_equal(of_old_mask.extinction, volume.extinction)
 
 
 def test_big_endian_numbers_are_understood(folder):

@@ -52,6 +52,31 @@ def test_places_are_exact_in_wide_images(tmp_path):
     assert abs(found - expected).max() < 2e-6 * expected.max()
 
 
+def test_pixels_are_numbered_in_integers(tmp_path):
+    """Runtimes that compute in single precision cannot represent all numbers above 2^24: a number
+    that was real may be that of a row or a column, but not that of a pixel of all images."""
+    _, path = exported(tmp_path, [12, 2], planes_metadata([0.6, 1.12, 1.61], 2))
+    graph = onnx.shape_inference.infer_shapes(onnx.load(path)).graph
+    makers = {name: node for node in graph.node for name in node.output}
+    kinds = {value.name: value.type.tensor_type.elem_type for value in graph.value_info}
+    kinds |= {value.name: value.data_type for value in graph.initializer}
+    numbers = [node.input[1] for node in graph.node if node.op_type == "Gather"]
+    assert len(numbers) == 2
+    once_real = set()
+    while numbers:
+        name = numbers.pop()
+        assert kinds[name] == onnx.TensorProto.INT64, name
+        node = makers.get(name)
+        if node is not None and node.op_type == "Cast":
+            once_real |= set(node.input)
+        elif node is not None:
+            numbers += node.input
+    assert once_real == {
+        *("row_within", "rows", "ground_rows", "row_upright"),
+        *("col_within", "cols", "ground_cols", "col_line"),
+    }
+
+
 def test_an_uncertainty_is_an_output_of_its_own(tmp_path):
     metadata = {**weights_metadata(3, 4), "outputs": ["extinction", "uncertainty"]}
     checkpoint, path = exported(tmp_path, [3, 6, 8], metadata)

@@ -52,5 +52,5 @@ mod _deepct {
     #[pymodule_export]
     use crate::sense::{Sensed, Sensor, sense};
     #[pymodule_export]
-    use crate::view::{View, Views};
+    use crate::view::{View, Views, camera_from_ecef};
 }

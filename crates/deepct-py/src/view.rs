@@ -12,6 +12,22 @@ use std::path::PathBuf;
 
 type Point = (f64, f64, f64);
 
+/// The position (km) of a camera in the local system of a scene: x to the east, y to the north and z up
+/// from the point of the ellipsoid WGS 84 with this geodetic latitude and longitude. `position` (km)
+/// is Earth-centred and Earth-fixed (ECEF, ITRS), as orbit software gives it at the time of the image.
+///
+/// Altitudes refer to the ellipsoid, not to the geoid. Raises ValueError for a position that is not
+/// that of a satellite above the horizon.
+#[pyfunction]
+pub(crate) fn camera_from_ecef(
+    position: Point,
+    latitude_deg: f64,
+    longitude_deg: f64,
+) -> PyResult<Point> {
+    let (latitude, longitude) = (latitude_deg.to_radians(), longitude_deg.to_radians());
+    scene::camera_from_ecef(position.into(), latitude, longitude).map(Into::into).map_err(raise)
+}
+
 /// The geometry of a camera that points at a target. Image rows increase towards the north,
 /// columns towards the east.
 ///

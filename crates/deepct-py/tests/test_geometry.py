@@ -20,6 +20,19 @@ def test_a_grid_has_its_voxel_centres():
     assert grid != Grid((3, 4, 5), (0.1, 0.2, 0.3))
 
 
+def test_an_orbit_gives_a_camera():
+    """The angles and the distance are those of skyfield 1.55 and pymap3d 3.2.0."""
+    ecef = (5060.686587, 3417.321727, 3364.022757)
+    camera = deepct_py.camera_from_ecef(ecef, 32.0, 35.0)
+    np.testing.assert_allclose(camera, (-103.3845, -363.3982, 588.3358), atol=1e-6)
+    view = View.perspective(camera, (0.0, 0.0, 0.0), 1e-4)
+    np.testing.assert_allclose(view.zenith_deg, 32.70781, atol=1e-5)
+    np.testing.assert_allclose(view.azimuth_deg, 195.88072, atol=1e-5)
+    np.testing.assert_allclose(view.pixel_km, 0.06992036, atol=1e-8)
+    with pytest.raises(ValueError, match="in km"):
+        deepct_py.camera_from_ecef(tuple(1e3 * km for km in ecef), 32.0, 35.0)
+
+
 def test_the_paper_lists_the_angles_of_the_presets():
     views = Views.load("cloudct-10", target=(0.8, 0.8, 1.0))
     np.testing.assert_allclose(views.zenith_deg, [46, 34, 26, 18, 9, 0, 9, 18, 26, 34], atol=1e-9)

@@ -138,7 +138,7 @@ def _parser() -> argparse.ArgumentParser:
     convert.set_defaults(run=_export)
 
     compare = verbs.add_parser(
-        "check", help="compare `deepct infer`, or ONNX Runtime, with PyTorch"
+        "check", help="compare `deepct infer`, or the ONNX runtimes installed, with PyTorch"
     )
     compare.add_argument("checkpoint", type=Path)
     compare.add_argument("--weights", type=Path, required=True, help="the exported weights file")
@@ -338,6 +338,8 @@ def _check(options: argparse.Namespace) -> int:
 
     same = True
     for engine in engines(options.weights, options.deepct):
+        if engine.settings:
+            print(f"{engine.name} with {engine.settings}")
         errors = check(options.checkpoint, options.weights, engine, options.seed)
         for (rows, cols), error in zip(SIZES, errors):
             verdict = "same" if error <= engine.tolerance else "DIFFERENT"

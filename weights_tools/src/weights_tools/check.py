@@ -7,6 +7,7 @@ import json
 import math
 import tempfile
 from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Callable, NamedTuple
 
@@ -23,6 +24,14 @@ from weights_tools.program import run_program
 
 SAME = 1e-5
 """Tolerance of the error relative to the largest value."""
+
+SINGLE = 1e-4
+"""Tolerance for runtimes that compute the positions of the pixels in single precision."""
+
+OPENVINO_SETTINGS = (
+    "INFERENCE_PRECISION_HINT=f32: with its default settings, OpenVINO computes in bfloat16 on "
+    "processors that support it, and the answer is wrong"
+)
 
 TOLERANCES = {"direct": SAME, "winograd-f4": 1e-4}
 """Tolerance for each convolution algorithm of ``deepct``: direct summation, and the algorithm with
@@ -41,16 +50,25 @@ class Engine(NamedTuple):
     run: Callable[[np.ndarray, dict[str, Any]], np.ndarray]
     """Function of images ``[view, row, col]`` (1/sr) and the metadata of the weights. It returns
     all outputs (1/km), concatenated along the first axis."""
+    settings: str = ""
+    """The settings that differ from the defaults of the library, and the reason."""
 
 
 def engines(weights: str | Path, deepct: str) -> list[Engine]:
-    """The engines for a weights file: ONNX Runtime, or ``deepct`` with each algorithm."""
-    if is_onnx(weights):
-        return [Engine("onnxruntime", SAME, partial(_onnx_runtime, weights))]
-    return [
-        Engine(algorithm, tolerance, partial(_infer, deepct, weights, algorithm))
-        for algorithm, tolerance in TOLERANCES.items()
-    ]
+    """The engines for a weights file: ``deepct`` with each algorithm or, for an ONNX graph, ONNX
+    Runtime, and OpenVINO and tract where they are installed."""
+    if not is_onnx(weights):
+        return [
+            Engine(algorithm, tolerance, partial(_infer, deepct, weights, algorithm))
+            for algorithm, tolerance in TOLERANCES.items()
+        ]
+    found = [Engine("onnxruntime", SAME, partial(_onnx_runtime, weights))]
+    if find_spec("openvino"):
+        run = partial(_openvino, weights)
+        found.append(Engine("openvino", SINGLE, run, OPENVINO_SETTINGS))
+    if find_spec("tract"):
+        found.append(Engine("tract", SAME, partial(_tract, weights)))
+    return found
 
 
 def check(
@@ -168,6 +186,30 @@ def _onnx_runtime(
     session = onnxruntime.InferenceSession(weights, options, providers=["CPUExecutionProvider"])
     outputs = session.run(metadata["outputs"], {"radiance": radiance[None]})
     return np.concatenate([output[0] for output in outputs])
+
+
+def _openvino(
+    weights: str | Path, radiance: np.ndarray, metadata: dict[str, Any]
+) -> np.ndarray:
+    import openvino
+
+    properties = {
+        "INFERENCE_PRECISION_HINT": "f32",
+        "INFERENCE_NUM_THREADS": torch.get_num_threads(),
+    }
+    model = openvino.Core().compile_model(str(weights), "CPU", properties)
+    outputs = model({"radiance": radiance[None]})
+    return np.concatenate([outputs[name][0] for name in metadata["outputs"]])
+
+
+def _tract(weights: str | Path, radiance: np.ndarray, metadata: dict[str, Any]) -> np.ndarray:
+    import tract
+
+    model = tract.onnx().load(str(weights))
+    # tract cannot reshape for a number of clouds that it does not know.
+    model.set_input_fact(0, f"1,{len(radiance)},row,col,f32")
+    outputs = model.into_model().into_runnable().run([radiance[None]])
+    return np.concatenate([output.to_numpy()[0] for output in outputs])
 
 
 def _infer(

@@ -59,6 +59,12 @@ lift (float[cloud, view, row, col] scaled) => (float[cloud, channel, y, x] plane
     last_col = Sub (cols, one)
     middle_col = Mul (last_col, half)
 
+    # The same as integers. (tract cannot multiply by a shape that it knows as a symbol only.)
+    whole_rows = Cast <to = 7> (rows)
+    whole_cols = Cast <to = 7> (cols)
+    whole_ground_rows = Cast <to = 7> (ground_rows)
+    whole_ground_cols = Cast <to = 7> (ground_cols)
+
     # Positions of the voxels of the target plane relative to the target (km): [y, 1] and [x].
     row_steps = Range (row_start, row_end, one)
     row_offsets = Sub (row_steps, middle_row)
@@ -98,21 +104,23 @@ lift (float[cloud, view, row, col] scaled) => (float[cloud, channel, y, x] plane
     row_signed = Sub (row, row_around)
     row_distance = Abs (row_signed)
     row_weight = Sub (one, row_distance)
-    row_pixel = Min (row_around, last_row)
+    row_within = Min (row_around, last_row)
+    row_pixel = Cast <to = 7> (row_within)
     col_before = Floor (col)
     col_around = Add (col_before, two_cols)
     col_signed = Sub (col, col_around)
     col_distance = Abs (col_signed)
     col_weight = Sub (one, col_distance)
-    col_pixel = Min (col_around, last_col)
+    col_within = Min (col_around, last_col)
+    col_pixel = Cast <to = 7> (col_within)
 
     # Bilinear interpolation between the four pixels, [cloud, view, y, x]. Pixels are numbered
-    # consecutively over all images.
-    view_rows = Mul (view_number, rows)
+    # consecutively over all images, in integers: some runtimes compute in single precision, which
+    # cannot represent all numbers above 2^24.
+    view_rows = Mul (view_number, whole_rows)
     row_in_all = Add (view_rows, row_pixel)
-    row_pixels = Mul (row_in_all, cols)
-    exact_pixels = Add (row_pixels, col_pixel)
-    pixel_numbers = Cast <to = 7> (exact_pixels)
+    row_pixels = Mul (row_in_all, whole_cols)
+    pixel_numbers = Add (row_pixels, col_pixel)
     pixels = Reshape (scaled, flat)
     around = Gather <axis = 1> (pixels, pixel_numbers)
     exact_weights = Mul (row_weight, col_weight)
@@ -123,16 +131,17 @@ lift (float[cloud, view, row, col] scaled) => (float[cloud, channel, y, x] plane
     # The planes, by the same indexing: sections of the target plane of the size of the images,
     # displaced by the parallax of each channel.
     ground_voxels = Reshape (ground, flat)
-    view_corners = Mul (channel_view, ground_rows)
+    view_corners = Mul (channel_view, whole_ground_rows)
     row_corners = Add (view_corners, channel_row)
     row_line = Range (zero, rows, one)
-    row_column = Reshape (row_line, upright)
+    row_upright = Reshape (row_line, upright)
+    row_column = Cast <to = 7> (row_upright)
     voxel_rows = Add (row_corners, row_column)
-    row_voxels = Mul (voxel_rows, ground_cols)
+    row_voxels = Mul (voxel_rows, whole_ground_cols)
     col_line = Range (zero, cols, one)
-    voxel_cols = Add (channel_col, col_line)
-    exact_voxels = Add (row_voxels, voxel_cols)
-    voxel_numbers = Cast <to = 7> (exact_voxels)
+    whole_col_line = Cast <to = 7> (col_line)
+    voxel_cols = Add (channel_col, whole_col_line)
+    voxel_numbers = Add (row_voxels, voxel_cols)
     planes = Gather <axis = 1> (ground_voxels, voxel_numbers)
 }
 """
@@ -200,9 +209,9 @@ def _lift_constants(lift: Lift) -> dict[str, np.ndarray]:
     """The constants of the resampling graph for each view ``[view, 1, 1]`` and channel
     ``[channel, 1, 1]``."""
     planes, views = len(lift.parallax), len(lift.cameras)
-    numbers = np.arange(views, dtype=np.float64)
+    numbers = np.arange(views, dtype=np.int64)
     constants = {"view_number": numbers, "channel_view": np.tile(numbers, planes)}
-    parallax = np.array(lift.parallax, np.float64).reshape(-1, 2)
+    parallax = np.array(lift.parallax, np.int64).reshape(-1, 2)
     for axis, name in enumerate(("row", "col")):
         constants[f"channel_{name}"] = lift.margin[axis] + parallax[:, axis]
     for part, name in enumerate(("col", "row", "depth")):

@@ -2,12 +2,14 @@
 
 mod formation;
 mod light;
+mod local;
 mod surface;
 mod view;
 mod view_list;
 
 pub use formation::{EARTH_RADIUS_KM, Formation};
 pub use light::{DropletOpticsModel, ExtinctionModel, Light, LightTable, PhaseModel};
+pub use local::camera_from_ecef;
 pub use surface::{Surface, Waves};
 pub(crate) use view::Projector;
 pub use view::{Projection, View, target};

@@ -94,14 +94,74 @@ fn files_record_how_they_were_made_and_are_the_same_each_time() {
     let [first, second] = [&path, &again].map(|path| std::fs::read(path).unwrap());
     assert!(first == second, "the same volume, other bytes");
     let file = hdf5::File::open(&path).unwrap();
-    let text = |name: &str| {
-        let text: hdf5::types::VarLenUnicode = file.attr(name).unwrap().read_scalar().unwrap();
-        text.to_string()
+    assert_eq!(global_text(&file, "Conventions"), "CF-1.10");
+    assert_eq!(global_text(&file, "deepct_version"), env!("CARGO_PKG_VERSION"));
+    assert_eq!(global_text(&file, "configuration"), "samples = 3\n");
+    // Classic netCDF has no integer of more than 32 bits: larger seeds are written in digits.
+    assert_eq!(global_text(&file, "seed"), "18446744073709551615");
+    io::write_volume(&path, &volume, &Provenance { seed: 7, ..provenance() }).unwrap();
+    let file = hdf5::File::open(&path).unwrap();
+    assert_eq!(file.attr("seed").unwrap().read_scalar::<i32>().unwrap(), 7);
+    // More than HDF5 stores in the header of a group; and no text at all.
+    let long = Provenance { title: String::new(), configuration: "é".repeat(60_000), seed: 7 };
+    io::write_volume(&path, &volume, &long).unwrap();
+    assert_eq!(io::read_volume(&path).unwrap(), volume);
+    let file = hdf5::File::open(&path).unwrap();
+    assert_eq!(file.attr("configuration").unwrap().dtype().unwrap().size(), 120_000);
+    assert_eq!(global_text(&file, "title"), "");
+}
+
+/// A global attribute, which must be a text of fixed length.
+fn global_text(file: &hdf5::File, name: &str) -> String {
+    let attribute = file.attr(name).unwrap();
+    let kind = attribute.dtype().unwrap().to_descriptor().unwrap();
+    assert!(matches!(kind, hdf5::types::TypeDescriptor::FixedUnicode(_)), "{name}: {kind}");
+    attribute.read_scalar::<hdf5::types::FixedUnicode<100>>().unwrap().to_string()
+}
+
+#[test]
+fn coordinates_are_legible_and_the_grid_exact() {
+    let (_folder, path) = place("a.nc");
+    let write = |grid| {
+        io::write_volume(&path, &Volume::constant(grid, 1.0), &provenance()).unwrap();
+        assert_eq!(io::read_grid(&path).unwrap(), grid);
+        assert_eq!(io::read_volume(&path).unwrap().grid, grid);
+        hdf5::File::open(&path).unwrap()
     };
-    assert_eq!(text("Conventions"), "CF-1.10");
-    assert_eq!(text("deepct_version"), env!("CARGO_PKG_VERSION"));
-    assert_eq!(text("configuration"), "samples = 3\n");
-    assert_eq!(file.attr("seed").unwrap().read_scalar::<u64>().unwrap(), u64::MAX);
+    // 0.64 + 0.04 * 0.5 is 0.6599999999999999 in double precision.
+    let file = write(
+        Grid::new(DVec3::new(-0.15, 0.1, 0.48), DVec3::new(0.1, 0.07, 0.04), [6, 4, 3]).unwrap(),
+    );
+    let values = |file: &hdf5::File, name| file.dataset(name).unwrap().read_raw::<f64>().unwrap();
+    assert_eq!(values(&file, "z"), [0.5, 0.54, 0.58, 0.62, 0.66, 0.7]);
+    assert_eq!(values(&file, "x"), [-0.1, 0.0, 0.1]);
+    assert_eq!(values(&file, "x_bnds"), [-0.15, -0.05, -0.05, 0.05, 0.05, 0.15]);
+    assert_eq!(values(&file, "z_bnds")[6..10], [0.6, 0.64, 0.64, 0.68]);
+    // Voxels of 0.6 m, the edge of which needs more than nine decimals.
+    let fine = DVec3::splat(0.002 / 3.3);
+    let file = write(Grid::new(DVec3::new(0.0, 0.0, 2.0 / 3.0), fine, [2, 2, 2]).unwrap());
+    assert_eq!(values(&file, "z")[0], 0.666_969_697);
+}
+
+#[test]
+fn dimensions_are_known_after_a_variable_was_deleted() {
+    let (_folder, path) = place("a.nc");
+    let droplets = Microphysics {
+        liquid_water_content: field(0.01),
+        effective_radius: field(1.0),
+        effective_variance: field(0.002),
+    };
+    let mut cloud = Cloud::from_microphysics(grid(), droplets).unwrap();
+    cloud.extinction = Some(field(1.5));
+    io::write_cloud(&path, &cloud, &provenance()).unwrap();
+    let file = hdf5::File::open_rw(&path).unwrap();
+    for name in ["lwc", "reff", "veff"] {
+        file.unlink(name).unwrap();
+    }
+    // This takes the place of what was deleted.
+    set_text(&file, "extinction", "comment", &"text ".repeat(500));
+    file.close().unwrap();
+    assert_eq!(io::read_volume(&path).unwrap().values, field(1.5));
 }
 
 #[test]

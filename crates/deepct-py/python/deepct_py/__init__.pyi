@@ -81,6 +81,10 @@ class Light:
     def to_dict(self) -> dict[str, Union[float, bool, str]]: ...
     def __getattr__(self, name: str, /) -> Any: ...
 
+def camera_from_ecef(
+    position: _Point, latitude_deg: float, longitude_deg: float
+) -> _Point: ...
+
 @final
 class View:
     @staticmethod

@@ -4,16 +4,16 @@
 
 #![allow(unsafe_code)]
 
-use hdf5::Dataset;
+use hdf5::types::VarLenArray;
+use hdf5::{Attribute, Dataset, ObjectReference1, ReferencedObject};
 use hdf5_sys::h5::herr_t;
 use hdf5_sys::h5i::hid_t;
-use hdf5_sys::h5t::{H5T_class_t, H5Tclose, H5Tget_class, H5Tget_nmembers, H5Tget_super};
+use hdf5_sys::h5t::{H5T_class_t, H5Tclose, H5Tget_class, H5Tget_super};
 use std::ffi::{CString, c_char, c_uint};
 
 unsafe extern "C" {
     fn H5DSset_scale(scale: hid_t, name: *const c_char) -> herr_t;
     fn H5DSattach_scale(dataset: hid_t, scale: hid_t, axis: c_uint) -> herr_t;
-    fn H5DSis_attached(dataset: hid_t, scale: hid_t, axis: c_uint) -> herr_t;
     fn H5DSis_scale(dataset: hid_t) -> herr_t;
 }
 
@@ -33,37 +33,38 @@ pub(super) fn attach_scale(dataset: &Dataset, scale: &Dataset, axis: usize) -> b
 }
 
 /// Whether `scale` is attached to an axis of `dataset`.
+///
+/// Only the list of the dataset is read. `H5DSis_attached` also requires that of the scale, and fails
+/// if one of the variables in it has been deleted.
 pub(super) fn is_attached(dataset: &Dataset, scale: &Dataset, axis: usize) -> bool {
-    if !has_lists(dataset, scale) {
+    let Ok(list) = dataset.attr("DIMENSION_LIST") else { return false };
+    if !has_references(&list) || list.shape() != [dataset.ndim()] {
         return false;
     }
-    // SAFETY: as for `attach_scale`; the attributes that the library reads have the types with which
-    // it reads them.
-    hdf5::sync::sync(|| unsafe { H5DSis_attached(dataset.id(), scale.id(), axis as c_uint) > 0 })
+    let Ok(lists) = list.read_raw::<VarLenArray<ObjectReference1>>() else { return false };
+    let Ok(own) = scale.loc_info().map(|info| info.token) else { return false };
+    let is_scale = |reference: &ObjectReference1| {
+        let object = dataset.dereference(reference);
+        matches!(object, Ok(ReferencedObject::Dataset(found))
+            if found.loc_info().is_ok_and(|info| info.token == own))
+    };
+    lists.get(axis).is_some_and(|references| references.iter().any(is_scale))
 }
 
-/// Whether the attributes by which a dataset and a scale refer to each other have the types that the
-/// library expects without checking them: a list of references for each axis, and records of two
-/// members.
-fn has_lists(dataset: &Dataset, scale: &Dataset) -> bool {
-    let (Ok(list), Ok(back)) = (dataset.attr("DIMENSION_LIST"), scale.attr("REFERENCE_LIST"))
-    else {
-        return false;
-    };
-    let (Ok(of_list), Ok(of_back)) = (list.dtype(), back.dtype()) else { return false };
-    // SAFETY: the identifiers of the types are open while the types are borrowed, the super type is
-    // closed after its last use, and the lock excludes other threads.
-    let are_expected = hdf5::sync::sync(|| unsafe {
-        let class = H5Tget_class(of_list.id());
-        let element = if class == H5T_class_t::H5T_VLEN { H5Tget_super(of_list.id()) } else { -1 };
+/// Whether the values of an attribute are lists of references, as the library does not check.
+fn has_references(list: &Attribute) -> bool {
+    let Ok(kind) = list.dtype() else { return false };
+    // SAFETY: the identifier of the type is open while it is borrowed, the super type is closed after
+    // its last use, and the lock excludes other threads.
+    hdf5::sync::sync(|| unsafe {
+        let class = H5Tget_class(kind.id());
+        let element = if class == H5T_class_t::H5T_VLEN { H5Tget_super(kind.id()) } else { -1 };
         let refers = element >= 0 && H5Tget_class(element) == H5T_class_t::H5T_REFERENCE;
         if element >= 0 {
             H5Tclose(element);
         }
-        let records = H5Tget_class(of_back.id()) == H5T_class_t::H5T_COMPOUND;
-        refers && records && H5Tget_nmembers(of_back.id()) == 2
-    });
-    are_expected && list.shape() == [dataset.ndim()]
+        refers
+    })
 }
 
 /// Whether `dataset` is the scale of a dimension.

@@ -10,12 +10,14 @@ use crate::io::plausible::{Checks, LARGEST_EXTINCTION};
 use crate::math::DVec3;
 use crate::network::Estimate;
 use crate::scene::Observation;
-use ndarray::{Array3, ArrayD};
+use ndarray::{Array2, Array3, ArrayD};
 use serde::Deserialize;
 use std::path::Path;
 
 /// The dimensions of a field.
 const AXES: [&str; 3] = ["z", "y", "x"];
+/// The dimension of the lower and the upper face of a voxel.
+const BOUNDS: &str = "bnds";
 
 const LIQUID_WATER: &Attributes = &[
     ("units", Text("g m-3")),
@@ -233,7 +235,7 @@ pub fn write_mask(path: impl AsRef<Path>, mask: &Mask, provenance: &Provenance) 
 
 /// Add a mask to a file that already has its axes.
 pub(super) fn put_mask(output: &Output, mask: &Mask) -> Result<()> {
-    output.variable("mask", &AXES, &mask.values.mapv(u8::from), MASK)
+    output.variable("mask", &AXES, &mask.values.mapv(i8::from), MASK)
 }
 
 /// Read `mask`, 1 inside and 0 outside, on `(z, y, x)`.
@@ -284,29 +286,51 @@ pub fn read_grid(path: impl AsRef<Path>) -> Result<Grid> {
     Ok(grid)
 }
 
-/// Write the coordinates of voxel centres. Spacing and lower edge are recorded as attributes so
-/// that a grid can be read back exactly, including one with a single voxel along an axis.
+/// Write the coordinates of voxel centres and, according to CF, their bounds. Spacing and lower edge
+/// are recorded as attributes so that a grid can be read back exactly.
 fn write_axes(output: &mut Output, grid: &Grid) -> Result<()> {
     let [x, y, z] = grid.axes();
-    for (name, axis, values, long_name, standard) in [
-        ("z", 2, z, "altitude of voxel centres", "altitude"),
-        ("y", 1, y, "northward distance of voxel centres", ""),
-        ("x", 0, x, "eastward distance of voxel centres", ""),
-    ] {
+    let axes = [
+        ("z", "z_bnds", 2, z, "altitude of voxel centres", "altitude"),
+        ("y", "y_bnds", 1, y, "northward distance of voxel centres", ""),
+        ("x", "x_bnds", 0, x, "eastward distance of voxel centres", ""),
+    ];
+    for (name, bounds, axis, values, long_name, standard) in &axes {
         let letter = name.to_uppercase();
         let mut attributes = vec![
             ("units", Text("km")),
             ("long_name", Text(long_name)),
             ("axis", Text(&letter)),
-            ("lower_edge", Number(grid.origin[axis])),
-            ("spacing", Number(grid.spacing[axis])),
+            ("bounds", Text(bounds)),
+            ("lower_edge", Number(grid.origin[*axis])),
+            ("spacing", Number(grid.spacing[*axis])),
         ];
         if !standard.is_empty() {
             attributes.extend([("standard_name", Text(standard)), ("positive", Text("up"))]);
         }
+        let spacing = grid.spacing[*axis];
+        let values: Vec<f64> = values.iter().map(|&value| legible(value, spacing)).collect();
         output.dimension(name, &values, &attributes)?;
     }
+    output.bare_dimension(BOUNDS, 2)?;
+    for (name, bounds, axis, values, ..) in &axes {
+        let (origin, spacing) = (grid.origin[*axis], grid.spacing[*axis]);
+        let faces = Array2::from_shape_fn((values.len(), 2), |(index, side)| {
+            legible(origin + spacing * (index + side) as f64, spacing)
+        });
+        // Their units and names are those of the coordinates.
+        output.variable(bounds, &[name, BOUNDS], &faces, &[])?;
+    }
     Ok(())
+}
+
+/// A coordinate (km) in the fewest decimals from which it is known to a millionth of the spacing, and
+/// at least in nine: programs that select a range of altitudes would miss 0.66 km if it was written as
+/// 0.6599999999999999.
+fn legible(coordinate: f64, spacing: f64) -> f64 {
+    let decimals = (6.0 - spacing.log10().floor()).max(9.0) as usize;
+    // A number that is divided by a power of ten instead may have another last digit.
+    format!("{coordinate:.decimals$}").parse::<f64>().expect("a number") + 0.0
 }
 
 /// The grid of a variable on `(z, y, x)`.

@@ -2,6 +2,7 @@
 
 mod axis;
 mod coding;
+mod creation;
 mod dimension;
 mod field;
 mod guard;

@@ -18,9 +18,9 @@ const PIXELS: [&str; 3] = ["view", "row", "col"];
 const PIXEL_AXES: [(&str, &str); 2] = [("row", "target_row"), ("col", "target_col")];
 
 /// The values of the variable `projection`.
-const PERSPECTIVE: u8 = 0;
-const ORTHOGRAPHIC: u8 = 1;
-const LOOKING_UP: u8 = 2;
+const PERSPECTIVE: i8 = 0;
+const ORTHOGRAPHIC: i8 = 1;
+const LOOKING_UP: i8 = 2;
 
 /// Largest angle (degrees) between the position of a camera and angles that are stored beside it:
 /// instruments round angles to 0.01 degrees.
@@ -28,7 +28,7 @@ const ROUNDED_DEG: f64 = 0.05;
 
 /// The parameters of all cameras, with one entry or row (x, y, z) per view.
 struct Cameras {
-    projection: Vec<u8>,
+    projection: Vec<i8>,
     position: Array2<f64>,
     direction: Array2<f64>,
     target: Array2<f64>,

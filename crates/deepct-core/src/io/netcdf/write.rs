@@ -1,23 +1,59 @@
 //! Writing of netCDF-4 files: variables on named dimensions. A file has a temporary name until it
 //! is complete.
 
-use super::{Provenance, dimension, reason};
+use super::{Provenance, creation, dimension, reason};
 use crate::error::{Error, Result};
-use hdf5::types::VarLenUnicode;
-use hdf5::{Dataset, H5Type, Location};
+use hdf5::types::{FloatSize, OwnedDynValue, TypeDescriptor};
+use hdf5::{Dataset, DatasetBuilder, H5Type, Location};
 use ndarray::{ArrayView, Dimension};
 use std::path::{Path, PathBuf};
-use std::str::FromStr;
 
 /// Maximum edge length of a chunk (values).
 const CHUNK: usize = 64;
+
+/// Beginning of the name of a dimension scale that has no coordinates, followed by its length in ten
+/// characters.
+const BARE: &str = "This is a netCDF dimension but not a netCDF variable.";
 
 /// The value of an attribute.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Attribute<'a> {
     Text(&'a str),
     Number(f64),
-    Flags(&'a [u8]),
+    Whole(i32),
+    Flags(&'a [i8]),
+}
+
+/// A type of values that netCDF of every version knows.
+pub(super) trait Stored: H5Type + Clone {
+    /// The value that marks what was never written. It is none that occurs: programs that read files
+    /// by references to their chunks (kerchunk, VirtualiZarr) turn values equal to it into missing
+    /// ones, and without it the zeros.
+    fn unwritten() -> OwnedDynValue;
+}
+
+impl Stored for f32 {
+    fn unwritten() -> OwnedDynValue {
+        Self::NAN.into()
+    }
+}
+
+impl Stored for f64 {
+    fn unwritten() -> OwnedDynValue {
+        Self::NAN.into()
+    }
+}
+
+impl Stored for i32 {
+    fn unwritten() -> OwnedDynValue {
+        Self::MIN.into()
+    }
+}
+
+impl Stored for i8 {
+    fn unwritten() -> OwnedDynValue {
+        Self::MIN.into()
+    }
 }
 
 /// Attributes by name.
@@ -36,15 +72,15 @@ impl Output {
     /// Start the file `path` with its global attributes.
     pub(super) fn create(path: &Path, provenance: &Provenance) -> Result<Self> {
         let output = crate::files::Output::create(path)?;
-        let file = hdf5::File::with_options()
-            .with_fapl(|access| access.libver_v18())
-            // Without time stamps, repeated runs write identical bytes.
-            .with_fcpl(|creation| creation.obj_track_times(false))
-            .create(output.temporary())
+        let file = creation::create(output.temporary())
             .map_err(|problem| cannot_write(path, "file", &problem))?;
         let output = Self { path: path.into(), output, file, dimensions: Vec::new() };
         let version = env!("CARGO_PKG_VERSION");
         let source = format!("deepct {version}");
+        // Classic netCDF has no integers of more than 32 bits.
+        let digits = provenance.seed.to_string();
+        let seed =
+            i32::try_from(provenance.seed).map_or(Attribute::Text(&digits), Attribute::Whole);
         output.attributes(
             &output.file,
             "global attributes",
@@ -54,28 +90,21 @@ impl Output {
                 ("source", Attribute::Text(&source)),
                 ("deepct_version", Attribute::Text(version)),
                 ("configuration", Attribute::Text(&provenance.configuration)),
+                ("seed", seed),
             ],
         )?;
-        output
-            .file
-            .new_attr::<u64>()
-            .create("seed")
-            .and_then(|seed| seed.write_scalar(&provenance.seed))
-            .map_err(|problem| cannot_write(path, "seed", &problem))?;
         Ok(output)
     }
 
     /// Add a dimension with its coordinate variable.
-    pub(super) fn dimension<T: H5Type>(
+    pub(super) fn dimension<T: Stored>(
         &mut self,
         name: &str,
         coordinates: &[T],
         attributes: &Attributes,
     ) -> Result<()> {
         let scale = self
-            .file
-            .new_dataset_builder()
-            .obj_track_times(false)
+            .builder::<T>()
             .with_data(coordinates)
             .create(name)
             .map_err(|problem| cannot_write(&self.path, name, &problem))?;
@@ -93,8 +122,28 @@ impl Output {
         self.dimension(name, &numbers, &[("long_name", Attribute::Text(long_name))])
     }
 
+    /// Add a dimension that has no coordinates.
+    pub(super) fn bare_dimension(&mut self, name: &str, length: usize) -> Result<()> {
+        // The name and the type by which the netCDF library recognises such a dimension.
+        let marker = format!("{BARE}{length:10}");
+        let scale = self
+            .file
+            .new_dataset_builder()
+            .obj_track_times(false)
+            .attr_creation_order(creation::attribute_order())
+            .empty_as(&TypeDescriptor::Float(FloatSize::U4))
+            .shape(length)
+            .create(name)
+            .map_err(|problem| cannot_write(&self.path, name, &problem))?;
+        if !dimension::set_scale(&scale, &marker) {
+            return Err(cannot_write(&self.path, name, "the dimension scale was refused"));
+        }
+        self.dimensions.push((name.into(), scale));
+        Ok(())
+    }
+
     /// Add a variable on dimensions that were declared before; a scalar has none.
-    pub(super) fn variable<'v, T: H5Type + Clone, D: Dimension>(
+    pub(super) fn variable<'v, T: Stored, D: Dimension>(
         &self,
         name: &str,
         dimensions: &[&str],
@@ -105,11 +154,11 @@ impl Output {
         // The file has C order, regardless of the order in memory.
         let values = values.as_standard_layout();
         let chunk: Vec<usize> = values.shape().iter().map(|&n| n.clamp(1, CHUNK)).collect();
-        let builder = self.file.new_dataset_builder().obj_track_times(false);
+        let builder = self.builder::<T>();
         let dataset = if dimensions.is_empty() {
             builder.with_data(values.view()).create(name)
         } else {
-            let builder = builder.chunk(chunk).shuffle().deflate(4).fletcher32();
+            let builder = builder.chunk(chunk).shuffle().deflate(4);
             builder.with_data(values.view()).create(name)
         };
         let dataset = dataset.map_err(|problem| cannot_write(&self.path, name, &problem))?;
@@ -128,18 +177,25 @@ impl Output {
         self.variable(name, &[], ndarray::arr0(value).view(), attributes)
     }
 
+    /// A builder of a dataset of values of the type `T`.
+    fn builder<T: Stored>(&self) -> DatasetBuilder {
+        self.file
+            .new_dataset_builder()
+            .obj_track_times(false)
+            .attr_creation_order(creation::attribute_order())
+            .fill_value(T::unwritten())
+    }
+
     fn attributes(&self, on: &Location, field: &str, attributes: &Attributes) -> Result<()> {
         for (name, value) in attributes {
             let written = match value {
-                Attribute::Text(text) => {
-                    let text = VarLenUnicode::from_str(&text.replace('\0', " "))
-                        .expect("text without zero bytes");
-                    on.new_attr::<VarLenUnicode>()
-                        .create(*name)
-                        .and_then(|attribute| attribute.write_scalar(&text))
-                }
+                Attribute::Text(text) => creation::write_text(on, name, &text.replace('\0', " ")),
                 Attribute::Number(number) => on
                     .new_attr::<f64>()
+                    .create(*name)
+                    .and_then(|attribute| attribute.write_scalar(number)),
+                Attribute::Whole(number) => on
+                    .new_attr::<i32>()
                     .create(*name)
                     .and_then(|attribute| attribute.write_scalar(number)),
                 Attribute::Flags(flags) => {
