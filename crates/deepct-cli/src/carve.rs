@@ -16,8 +16,8 @@ pub(crate) struct Args {
     /// Grid to carve: the file of a cloud or volume, or a TOML file (see `deepct formats`)
     #[arg(long, value_name = "C.nc|GRID.toml")]
     grid: PathBuf,
-    /// Radiance (1/sr) above which a pixel is cloudy; by default it is determined from the
-    /// histogram of all views
+    /// Radiance (1/sr) above which a pixel is cloudy; by default it is determined for each view from
+    /// the histograms of all views
     #[arg(long, value_name = "T", allow_negative_numbers = true)]
     threshold: Option<f32>,
     /// Fraction of the views of a voxel, from 0 to 1, that must see cloud there for the voxel to be
@@ -36,10 +36,13 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let observation = read_observation(&args.images)?;
     let grid = read_grid(&args.grid)?;
     let carved = carve(&observation, &grid, &settings).map_err(Error::in_file(&args.images))?;
+    if let Some(warning) = carved.warning() {
+        note!("deepct: warning: {}: {warning}", args.images.display());
+    }
     let resolved = Resolved {
         images: &args.images,
         grid: &args.grid,
-        threshold: carved.threshold,
+        thresholds: &carved.thresholds,
         agreement: args.agreement,
     };
     let provenance = Provenance {
@@ -50,7 +53,13 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
     write_mask(&args.out, &carved.mask, &provenance)?;
     if !global.quiet {
         let share = carved.mask.count() as f64 / grid.len() as f64;
-        say!("threshold  {:.5} sr-1", carved.threshold);
+        let ends = |pick: fn(f32, f32) -> f32| carved.thresholds.iter().copied().reduce(pick);
+        match (ends(f32::min), ends(f32::max)) {
+            (Some(least), Some(most)) if least < most => {
+                say!("threshold  {least:.5} to {most:.5} sr-1, by view");
+            }
+            (least, _) => say!("threshold  {:.5} sr-1", least.unwrap_or(0.0)),
+        }
         say!("kept       {:.4} of {} voxels", share, grid.len());
     }
     Ok(Outcome::Success)
@@ -61,6 +70,6 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
 struct Resolved<'a> {
     images: &'a Path,
     grid: &'a Path,
-    threshold: f32,
+    thresholds: &'a [f32],
     agreement: f64,
 }

@@ -161,7 +161,11 @@ fn infer(network: &Estimator, observation: &Observation, grid: Option<&Grid>) ->
 fn find_mask(args: &Args, observation: &Observation, volume: &Volume) -> Result<Option<Mask>> {
     if args.carve {
         let carved = carve(observation, &volume.grid, &CarveSettings::default());
-        return Ok(Some(carved.map_err(Error::in_file(&args.images))?.mask));
+        let carved = carved.map_err(Error::in_file(&args.images))?;
+        if let Some(warning) = carved.warning() {
+            note!("deepct: warning: {}: {warning}", args.images.display());
+        }
+        return Ok(Some(carved.mask));
     }
     let Some(path) = &args.mask else { return Ok(None) };
     let mask = read_mask(path)?;

@@ -209,7 +209,11 @@ impl Job<'_> {
     fn mask(&self) -> Result<Mask> {
         let Some(path) = &self.flags.mask else {
             let carved = carve(&self.observation, &self.grid, &self.settings.carve);
-            return Ok(carved.map_err(Error::in_file(self.images))?.mask);
+            let carved = carved.map_err(Error::in_file(self.images))?;
+            if let Some(warning) = carved.warning() {
+                note!("deepct: warning: {}: {warning}", self.images.display());
+            }
+            return Ok(carved.mask);
         };
         let mask = read_mask(path)?;
         if mask.grid.matches(&self.grid) {

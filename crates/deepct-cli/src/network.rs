@@ -7,6 +7,10 @@ use deepct_core::scene::Observation;
 use deepct_core::{Result, conv};
 use std::path::PathBuf;
 
+/// Number of saturated pixels that does not change an estimate: sensors saturate at the brightest
+/// pixel of the images.
+const FEW_PIXELS: usize = 5;
+
 /// Share of the extinction in the lowest or highest level above which a cloud may be cut off.
 const SHARE_AT_END: f64 = 0.03;
 
@@ -42,6 +46,14 @@ impl NetworkFlags {
         observation: &Observation,
         estimate: &Estimate,
     ) -> Result<()> {
+        let known = observation.known();
+        let (left_out, pixels) = (known.iter().filter(|known| !**known).count(), known.len());
+        if left_out > FEW_PIXELS.max(pixels / 1000) {
+            note!(
+                "deepct: warning: {left_out} of {pixels} pixels are saturated or left out by an infinite \
+                 standard error; the network takes their radiances as measured"
+            );
+        }
         let geometry = observation.imaging_geometry()?;
         for unusual in estimator.unusual(&observation.images, &geometry, estimate)? {
             note!(

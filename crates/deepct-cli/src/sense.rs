@@ -18,7 +18,7 @@ pub(crate) struct Args {
     #[arg(long, default_value = "cmv4000", value_name = "NAME|FILE.toml")]
     sensor: String,
     /// Number of electrons for a radiance of 1/sr; by default it is chosen such that the brightest
-    /// pixel of all views reaches the full well
+    /// pixel of all views reaches the full well, after subtraction of twice its standard error
     #[arg(long, value_name = "E_PER_RADIANCE", allow_negative_numbers = true)]
     scale: Option<f64>,
     /// File of noisy images to write
@@ -46,6 +46,10 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
     write_observation(&args.out, &observation, &provenance)?;
     if !global.quiet {
         say!("{electrons_per_radiance:.6e} electrons for a radiance of 1/sr");
+        let marks = observation.saturated.iter().flatten();
+        let saturated = marks.filter(|saturated| **saturated).count();
+        let share = 100.0 * saturated as f64 / observation.images.values.len() as f64;
+        say!("{saturated} pixels are saturated ({share:.2} %)");
     }
     Ok(Outcome::Success)
 }

@@ -8,7 +8,7 @@
 mod footprint;
 mod threshold;
 
-pub use threshold::cloud_threshold;
+pub use threshold::{CloudThreshold, cloud_threshold};
 
 use crate::error::{Error, Result};
 use crate::grid::{Grid, Mask};
@@ -22,8 +22,8 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct CarveSettings {
-    /// Radiance above which a pixel is cloudy (1/sr); `None` uses the [`cloud_threshold`] of the
-    /// images.
+    /// Radiance above which a pixel is cloudy (1/sr); `None` uses the [`cloud_threshold`] of each
+    /// view.
     pub threshold: Option<f32>,
     /// Smallest share of votes for a voxel, among the views that do not abstain, with which the
     /// voxel is kept, in `[0, 1]`.
@@ -58,13 +58,26 @@ impl CarveSettings {
     }
 }
 
-/// A carved mask and the threshold it was made with.
+/// A carved mask and the thresholds it was made with.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Carved {
     /// The voxels that are kept, including those on which all views abstain.
     pub mask: Mask,
-    /// The threshold that was used (1/sr).
-    pub threshold: f32,
+    /// The threshold of each view that was used (1/sr).
+    pub thresholds: Vec<f32>,
+    /// Whether the clear sky is as bright as the clouds, so that the images do not tell where clouds
+    /// are: all voxels are kept.
+    pub is_bright_ground: bool,
+}
+
+impl Carved {
+    /// A warning for the user, if the mask is not what was wanted.
+    pub fn warning(&self) -> Option<&'static str> {
+        self.is_bright_ground.then_some(
+            "the clear surface is as bright as the clouds: no voxel was carved away; give a threshold \
+             or a mask",
+        )
+    }
 }
 
 /// Carves `grid` using the images of `observation`.
@@ -73,13 +86,26 @@ pub struct Carved {
 /// As [`CarveSettings::check`].
 pub fn carve(observation: &Observation, grid: &Grid, settings: &CarveSettings) -> Result<Carved> {
     settings.check()?;
-    let Observation { images, standard_error, .. } = observation;
-    let threshold =
-        settings.threshold.unwrap_or_else(|| cloud_threshold(images, standard_error.as_ref()));
-    let cloudy: Vec<CloudyPixels> = (0..observation.views.len())
-        .map(|view| observation.images.image(view).mapv(|radiance| radiance > threshold))
-        .map(CloudyPixels::new)
-        .collect();
+    let CloudThreshold { by_view: thresholds, is_bright_ground } = match settings.threshold {
+        Some(threshold) => CloudThreshold {
+            by_view: vec![threshold; observation.views.len()],
+            is_bright_ground: false,
+        },
+        None => cloud_threshold(observation),
+    };
+    if is_bright_ground {
+        let mask = Mask::new(*grid, Array3::from_elem(grid.shape, true))?;
+        return Ok(Carved { mask, thresholds, is_bright_ground });
+    }
+    // Pixels whose radiance is not known, because they are saturated or defective, may show cloud.
+    let known = observation.known();
+    let is_cloudy = |view: usize| {
+        let mut cloudy =
+            observation.images.image(view).mapv(|radiance| radiance > thresholds[view]);
+        cloudy.zip_mut_with(&known.index_axis(Axis(0), view), |cloudy, known| *cloudy |= !known);
+        CloudyPixels::new(cloudy)
+    };
+    let cloudy: Vec<CloudyPixels> = (0..observation.views.len()).map(is_cloudy).collect();
     let looks: Vec<_> = observation.views.iter().map(View::projector).zip(cloudy).collect();
     let mut values = Array3::from_elem(grid.shape, false);
     values.axis_chunks_iter_mut(Axis(0), BLOCK).into_par_iter().enumerate().for_each(
@@ -96,7 +122,7 @@ pub fn carve(observation: &Observation, grid: &Grid, settings: &CarveSettings) -
             }
         },
     );
-    Ok(Carved { mask: Mask::new(*grid, values)?, threshold })
+    Ok(Carved { mask: Mask::new(*grid, values)?, thresholds, is_bright_ground })
 }
 
 /// Number of voxels along each side of a block, which is tested as a whole before its voxels are.
@@ -312,6 +338,6 @@ mod tests {
         assert!(carve(&dark, &grid, &settings(f32::NAN, 0.9)).is_err());
         // Without a bright pixel there is no cloud.
         let carved = carve(&dark, &grid, &CarveSettings::default()).unwrap();
-        assert!(carved.mask.count() < grid.len() && carved.threshold == 0.0);
+        assert!(carved.mask.count() < grid.len() && carved.thresholds == [0.0]);
     }
 }

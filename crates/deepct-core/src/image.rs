@@ -21,6 +21,25 @@ impl ViewStack {
     /// # Errors
     /// An empty axis or a value that is not finite.
     pub fn new(values: Array3<f32>) -> Result<Self> {
+        Self::checked(values, "radiance", f32::is_finite, "finite")
+    }
+
+    /// Creates a stack of the standard errors of images (1/sr). The standard error of a pixel that is
+    /// left out, because it is saturated or defective, is infinite.
+    ///
+    /// # Errors
+    /// An empty axis, a negative value or one that is not a number.
+    pub fn of_errors(values: Array3<f32>) -> Result<Self> {
+        let range = "0 or more (1/sr), or infinite to leave a pixel out";
+        Self::checked(values, "standard error", |error| error >= 0.0, range)
+    }
+
+    fn checked(
+        values: Array3<f32>,
+        name: &'static str,
+        is_valid: impl Fn(f32) -> bool,
+        range: &str,
+    ) -> Result<Self> {
         if values.is_empty() {
             return Err(Error::out_of_range(
                 "image stack shape [view, row, col]",
@@ -28,16 +47,13 @@ impl ViewStack {
                 "at least 1 along every axis",
             ));
         }
-        if let Some(((view, row, col), value)) =
-            values.indexed_iter().find(|(_, value)| !value.is_finite())
-        {
-            return Err(Error::out_of_range(
-                "radiance",
-                format!("{value} at [view {view}, row {row}, col {col}]"),
-                "finite",
-            ));
+        match values.indexed_iter().find(|(_, value)| !is_valid(**value)) {
+            None => Ok(Self { values }),
+            Some(((view, row, col), value)) => {
+                let found = format!("{value} at [view {view}, row {row}, col {col}]");
+                Err(Error::out_of_range(name, found, range))
+            }
         }
-        Ok(Self { values })
     }
 
     /// Number of views, rows and columns.

@@ -1,7 +1,9 @@
 //! Sensor model: conversion of radiance to electrons and grey levels, and back to radiance.
 //!
 //! The number of photons is random, the pixel adds dark charge, the readout adds noise, and the
-//! analogue-to-digital converter rounds to grey levels and saturates. The variance of a pixel is
+//! analogue-to-digital converter rounds to grey levels and saturates. A pixel without charge is far
+//! enough above the lowest grey level (the black level of a camera) for noise of both signs, so that
+//! the mean of dark pixels is right. The variance of a pixel is
 //! that of the paper (Sde-Chen et al. 2021, section 2.2): `V = i + D dt + read^2 + g^2 / 12` in
 //! electrons squared.
 
@@ -9,10 +11,17 @@ use crate::error::{Error, Result};
 use crate::image::ViewStack;
 use crate::rng::{Purpose, Stream, stream};
 use crate::scene::Observation;
+use ndarray::Array3;
 use rand_distr::{Distribution, Normal, Poisson};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
+
+/// Height of the black level above the lowest grey level, in standard deviations of the read noise.
+const BLACK_DEVIATIONS: f64 = 6.0;
+
+/// Number of standard errors that are subtracted from a pixel before it sets the exposure.
+const DOUBT: f32 = 2.0;
 
 /// The largest number of bits of a converter that is accepted.
 const MAX_BITS: u32 = 24;
@@ -27,7 +36,8 @@ pub struct Sensor {
     pub read_noise: f64,
     /// Dark current: charge that accumulates without light (electrons per second).
     pub dark_current: f64,
-    /// Number of bits of the converter: the full well is divided into `2^bits` grey levels.
+    /// Number of bits of the converter: the full well is divided into `2^bits` grey levels, in
+    /// addition to those below the black level.
     pub bits: u32,
     /// Exposure time (seconds).
     pub exposure: f64,
@@ -40,7 +50,9 @@ pub struct Sensor {
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub enum Scale {
-    /// The brightest pixel of all views reaches the full well, as in the paper.
+    /// The brightest pixel of all views reaches the full well, as in the paper. [`expose`] subtracts
+    /// twice the standard error of each pixel first, if it is known: single noisy pixels of a quick
+    /// rendering do not set the exposure.
     BrightestAtFullWell,
     /// Number of electrons for a radiance of 1/sr.
     ElectronsPerRadiance(f64),
@@ -55,6 +67,9 @@ pub struct Sensed {
     /// Standard deviation of the noise of each pixel (1/sr), estimated from the noisy charge, as is
     /// possible with the images alone.
     pub noise: ViewStack,
+    /// Pixels that are saturated: it is only known that they are at least as bright as their
+    /// radiance.
+    pub saturated: Array3<bool>,
     /// The conversion factor that was used (electrons sr).
     pub electrons_per_radiance: f64,
 }
@@ -78,7 +93,7 @@ impl Sensed {
         let both = ndarray::Zip::from(&self.noise.values)
             .and(&before.values)
             .map_collect(|noise, before| noise.hypot(*before));
-        ViewStack::new(both)
+        ViewStack::of_errors(both)
     }
 }
 
@@ -163,6 +178,16 @@ impl Sensor {
         electrons + self.dark_charge() + self.read_noise * self.read_noise + gain * gain / 12.0
     }
 
+    /// The charge (electrons) that a saturated pixel reads, after subtraction of the dark charge.
+    fn saturation(&self) -> f64 {
+        f64::from((1_u32 << self.bits) - 1) * self.electrons_per_count() - self.dark_charge()
+    }
+
+    /// Number of grey levels below that of a pixel without charge.
+    fn black_level(&self) -> f64 {
+        (BLACK_DEVIATIONS * self.read_noise / self.electrons_per_count()).ceil()
+    }
+
     /// Simulates one readout of a pixel in which light releases `electrons` on average, and returns
     /// it in electrons: dark charge and noise are added, the charge is rounded to a grey level, and
     /// the mean dark charge is subtracted.
@@ -173,15 +198,15 @@ impl Sensor {
         let charge = Poisson::new(expected).map_or(expected, |poisson| poisson.sample(random));
         let signal = charge + read_noise.sample(random);
         let gain = self.electrons_per_count();
-        let counts = (signal / gain).round().clamp(0.0, f64::from((1_u32 << self.bits) - 1));
-        counts * gain - self.dark_charge()
+        let counts = (signal / gain).round().max(-self.black_level());
+        (counts * gain - self.dark_charge()).min(self.saturation())
     }
 }
 
 /// An observation as recorded by a sensor.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Exposure {
-    /// The noisy images, with the standard error of each pixel.
+    /// The noisy images, with the standard error of each pixel and with the saturated ones marked.
     pub observation: Observation,
     /// [`Sensed::electrons_per_radiance`].
     pub electrons_per_radiance: f64,
@@ -193,9 +218,23 @@ pub struct Exposure {
 /// # Errors
 /// As [`sense`].
 pub fn expose(clean: &Observation, sensor: &Sensor, scale: Scale, seed: u64) -> Result<Exposure> {
+    let scale = match (scale, &clean.standard_error) {
+        (Scale::BrightestAtFullWell, Some(errors)) => {
+            let pixels = clean.images.values.iter().zip(&errors.values);
+            let certain = pixels.map(|(radiance, error)| radiance - DOUBT * error);
+            let brightest = f64::from(certain.fold(f32::NEG_INFINITY, f32::max));
+            if brightest > 0.0 {
+                Scale::ElectronsPerRadiance(sensor.full_well / brightest)
+            } else {
+                scale
+            }
+        }
+        (scale, _) => scale,
+    };
     let sensed = sense(&clean.images, sensor, scale, seed)?;
     let standard_error = Some(sensed.standard_error(clean.standard_error.as_ref())?);
     let observation = Observation { images: sensed.images, standard_error, ..clean.clone() };
+    let observation = observation.with_saturated(sensed.saturated)?;
     Ok(Exposure { observation, electrons_per_radiance: sensed.electrons_per_radiance })
 }
 
@@ -224,12 +263,14 @@ pub fn sense(images: &ViewStack, sensor: &Sensor, scale: Scale, seed: u64) -> Re
             *radiance = (read / electrons_per_radiance) as f32;
         }
     });
+    let brightest = (sensor.saturation() / electrons_per_radiance) as f32;
+    let saturated = sensed.mapv(|radiance| radiance >= brightest);
     let noise = sensed.mapv(|radiance| {
         let electrons = (f64::from(radiance) * electrons_per_radiance).max(0.0);
         (sensor.variance(electrons).sqrt() / electrons_per_radiance) as f32
     });
-    let (images, noise) = (ViewStack::new(sensed)?, ViewStack::new(noise)?);
-    Ok(Sensed { images, noise, electrons_per_radiance })
+    let (images, noise) = (ViewStack::new(sensed)?, ViewStack::of_errors(noise)?);
+    Ok(Sensed { images, noise, saturated, electrons_per_radiance })
 }
 
 fn electrons_per_radiance(images: &ViewStack, sensor: &Sensor, scale: Scale) -> Result<f64> {
@@ -271,7 +312,6 @@ fn check_radiance(images: &ViewStack) -> Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use ndarray::Array3;
 
     /// The CMV4000 with twice the full well and grey levels of the same width: nothing saturates at
     /// 13,500 electrons.
@@ -293,7 +333,8 @@ mod tests {
     /// has the relative variance 2 / (n - 1). Both must agree within 4 standard deviations.
     #[test]
     fn mean_and_variance_are_those_of_the_paper() {
-        for (seed, electrons) in [60.0_f32, 135.0, 1350.0, 6750.0, 13_500.0].into_iter().enumerate()
+        for (seed, electrons) in
+            [0.0, 5.0, 20.0, 60.0_f32, 135.0, 1350.0, 6750.0, 13_500.0].into_iter().enumerate()
         {
             let images = constant(electrons);
             let scale = Scale::ElectronsPerRadiance(1.0);
@@ -342,12 +383,38 @@ mod tests {
         assert!(counts.iter().all(|count| count.round() <= 1023.0));
         // The mean signal is 1024 levels and its noise 9: 56 % of the pixels round to 1023 or more.
         assert!((saturated as f64 / counts.len() as f64 - 0.563).abs() < 0.01);
+        assert_eq!(sensed.saturated.iter().filter(|marked| **marked).count(), saturated);
         let far_above = Scale::ElectronsPerRadiance(1e30);
         let sensed = sense(&images, &sensor, far_above, 7).unwrap();
         let top = (1023.0 * sensor.electrons_per_count() - sensor.dark_charge()) / 1e30;
         assert!(
             sensed.images.values.iter().all(|&value| (f64::from(value) / top - 1.0).abs() < 1e-6)
         );
+    }
+
+    /// A single noisy pixel of a quick rendering does not set the exposure.
+    #[test]
+    fn a_firefly_does_not_set_the_exposure() {
+        let view = crate::scene::View::orthographic(
+            crate::math::DVec3::Z,
+            crate::math::DVec3::ZERO,
+            0.1,
+            [200, 250],
+        );
+        let mut images = constant(0.2);
+        images.values[[2, 3, 4]] = 0.3;
+        let views = vec![view.unwrap(); 4];
+        let mut clean =
+            Observation::new(crate::scene::Sun::default(), views, images.clone()).unwrap();
+        let scale = |clean: &Observation| {
+            let exposure = expose(clean, &Sensor::CMV4000, Scale::BrightestAtFullWell, 1).unwrap();
+            exposure.electrons_per_radiance
+        };
+        assert!((scale(&clean) - 13_500.0 / 0.3).abs() < 0.01);
+        let mut errors = images.values.mapv(|_| 0.001);
+        errors[[2, 3, 4]] = 0.1;
+        clean.standard_error = Some(ViewStack::new(errors).unwrap());
+        assert!((scale(&clean) - 13_500.0 / 0.198).abs() < 0.01);
     }
 
     #[test]

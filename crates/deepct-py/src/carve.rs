@@ -1,6 +1,6 @@
 //! `carve`: the voxels that may contain cloud, given the images.
 
-use crate::array::{Floats, IMAGES, give};
+use crate::array::{Floats, IMAGES, booleans, give};
 use crate::compute::quickly;
 use crate::grid::Grid;
 use crate::view::ViewSequence;
@@ -8,21 +8,23 @@ use deepct_core::Error;
 use deepct_core::carve::CarveSettings;
 use deepct_core::image::ViewStack;
 use deepct_core::scene::{Light, Observation};
-use numpy::PyArray3;
+use numpy::{PyArray1, PyArray3, ToPyArray};
+use pyo3::exceptions::PyUserWarning;
 use pyo3::prelude::*;
+use std::ffi::CString;
 
-/// A carved cloud mask and the radiance threshold that it is based on.
+/// A carved cloud mask and the radiance thresholds that it is based on.
 ///
 /// Attributes
 /// ----------
 /// mask : numpy.ndarray, bool, [z, y, x]
 ///     True in the voxels that may contain cloud. A voxel on which no view has a vote is kept.
-/// threshold : float
-///     The radiance (1/sr) above which a pixel was classified as cloudy.
+/// thresholds : numpy.ndarray, float32, [view]
+///     The radiance (1/sr) above which a pixel of each view was classified as cloudy.
 #[pyclass(frozen, module = "deepct_py", get_all)]
 pub(crate) struct Carved {
     mask: Py<PyArray3<bool>>,
-    threshold: f32,
+    thresholds: Py<PyArray1<f32>>,
 }
 
 /// Carve a cloud mask from images: keep the voxels that a sufficient fraction of the views see
@@ -40,11 +42,14 @@ pub(crate) struct Carved {
 /// grid : Grid
 ///     The grid of the mask.
 /// threshold : float, optional
-///     A pixel is cloudy above this radiance (1/sr). By default the threshold is derived from the
-///     distribution of the radiances of all images.
+///     A pixel is cloudy above this radiance (1/sr). By default the threshold of each view is derived
+///     from the distributions of the radiances of all images.
 /// standard_error : array, [view, row, col], optional
 ///     Standard error of the radiance (1/sr), such as the noise that `sense` returns: the derived
-///     threshold is at least three times that of the clear pixels above them.
+///     threshold is at least three times that of the clear pixels above them. Pixels with an infinite
+///     standard error may show cloud.
+/// saturated : array of bool, [view, row, col], optional
+///     The pixels that are saturated, which may show cloud.
 /// agreement : float, optional
 ///     A voxel is kept when at least this fraction of the views that have a vote on it vote for
 ///     it (0 to 1). Default: 0.9.
@@ -59,7 +64,8 @@ pub(crate) struct Carved {
 ///     The images do not match the views, or a parameter is out of range.
 #[pyfunction]
 #[pyo3(signature = (
-    radiance, views, grid, *, threshold = None, standard_error = None, agreement = None,
+    radiance, views, grid, *, threshold = None, standard_error = None, saturated = None,
+    agreement = None,
 ))]
 pub(crate) fn carve(
     py: Python<'_>,
@@ -68,6 +74,7 @@ pub(crate) fn carve(
     grid: Grid,
     threshold: Option<f32>,
     standard_error: Option<Bound<'_, PyAny>>,
+    saturated: Option<Bound<'_, PyAny>>,
     agreement: Option<f64>,
 ) -> PyResult<Carved> {
     let defaults = CarveSettings::default();
@@ -76,13 +83,14 @@ pub(crate) fn carve(
     let errors = standard_error
         .map(|errors| Ok::<_, PyErr>(Floats::new(&errors, "standard_error", IMAGES)?.to_owned()))
         .transpose()?;
+    let saturated = saturated.map(|marks| booleans(&marks, "saturated", IMAGES)).transpose()?;
     let carved = quickly(py, || {
         let images = ViewStack::new(radiance)?;
         // Carving does not depend on the scene illumination; the images may have any unit.
         let mut light = Light::default();
         light.sun.irradiance = f64::from(images.brightest()).max(1.0);
         let mut observation = Observation::new(light, views.0, images)?;
-        observation.standard_error = errors.map(ViewStack::new).transpose()?;
+        observation.standard_error = errors.map(ViewStack::of_errors).transpose()?;
         if let Some(errors) = &observation.standard_error {
             let (found, expected) = (errors.shape(), observation.images.shape());
             if found != expected {
@@ -94,7 +102,19 @@ pub(crate) fn carve(
                 ));
             }
         }
+        if let Some(saturated) = saturated {
+            observation = observation.with_saturated(saturated)?;
+        }
         deepct_core::carve::carve(&observation, &grid.0, &settings)
     })?;
-    Ok(Carved { mask: give(py, carved.mask.values), threshold: carved.threshold })
+    warn_of_ground(py, carved.warning())?;
+    let thresholds = carved.thresholds.to_pyarray(py).unbind();
+    Ok(Carved { mask: give(py, carved.mask.values), thresholds })
+}
+
+/// Warns of a mask that contains all voxels because the ground is as bright as the clouds.
+pub(crate) fn warn_of_ground(py: Python<'_>, warning: Option<&str>) -> PyResult<()> {
+    let Some(warning) = warning else { return Ok(()) };
+    let text = CString::new(warning).expect("no zero byte");
+    PyErr::warn(py, &py.get_type::<PyUserWarning>(), &text, 1)
 }

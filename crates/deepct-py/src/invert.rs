@@ -1,6 +1,7 @@
 //! `invert` and `hybrid`: retrieval of the extinction with a forward model.
 
 use crate::array::{Floats, IMAGES, VOLUME, booleans, give};
+use crate::carve::warn_of_ground;
 use crate::cloud::read;
 use crate::compute::{Stopped, at_length};
 use crate::error::raise;
@@ -56,12 +57,14 @@ struct Request {
 }
 
 impl Request {
-    /// The given mask or, if there is none, the mask carved from the images.
-    fn mask(&mut self, grid: deepct_core::grid::Grid) -> Result<Mask> {
-        match self.mask.take() {
-            Some(values) => Mask::new(grid, values),
-            None => Ok(carve(&self.observation, &grid, &CarveSettings::default())?.mask),
+    /// The given mask or, if there is none, the mask carved from the images, with a warning.
+    fn mask(&mut self, grid: deepct_core::grid::Grid) -> Result<(Mask, Option<&'static str>)> {
+        if let Some(values) = self.mask.take() {
+            return Ok((Mask::new(grid, values)?, None));
         }
+        let carved = carve(&self.observation, &grid, &CarveSettings::default())?;
+        let warning = carved.warning();
+        Ok((carved.mask, warning))
     }
 
     fn models(&self, grid: deepct_core::grid::Grid) -> Result<OrdinatesModels> {
@@ -75,18 +78,25 @@ impl Request {
         grid: deepct_core::grid::Grid,
         stop: &Stop,
         way: impl FnOnce(&Problem, &mut OrdinatesModels, &InversionSettings) -> Result<Answer>,
-    ) -> Result<(Answer, Mask)> {
+    ) -> Result<Solved> {
         let truth = self.truth.take().map(|values| Volume::new(grid, values)).transpose()?;
-        let mask = self.mask(grid)?;
+        let (mask, warning) = self.mask(grid)?;
         let mut models = self.models(grid)?;
         models.stop = stop.clone();
         let problem =
             Problem { observation: &self.observation, mask: &mask, truth: truth.as_ref() };
-        Ok((way(&problem, &mut models, &self.settings)?, mask))
+        Ok(Solved { answer: way(&problem, &mut models, &self.settings)?, mask, warning })
     }
 }
 
 type Answer = inversion::Reconstruction;
+
+/// The result of an inversion, with the mask it was restricted to and a warning about it.
+struct Solved {
+    answer: Answer,
+    mask: Mask,
+    warning: Option<&'static str>,
+}
 
 /// Retrieve the extinction whose simulated images match the given images.
 ///
@@ -111,7 +121,9 @@ type Answer = inversion::Reconstruction;
 ///     The voxels in which the extinction is retrieved. By default the mask is carved from the
 ///     images with `carve`.
 /// standard_error : array, [view, row, col], optional
-///     Standard error of each pixel (1/sr).
+///     Standard error of each pixel (1/sr); infinite for pixels that are left out.
+/// saturated : array of bool, [view, row, col], optional
+///     The pixels that are saturated: they are at least as bright as their radiance.
 /// truth : array, [z, y, x], optional
 ///     The true extinction (1/km). If it is given, the history contains the errors of each step.
 /// **settings
@@ -131,6 +143,7 @@ type Answer = inversion::Reconstruction;
 #[pyfunction]
 #[pyo3(signature = (
     radiance, views, grid, light = None, *, start = None, mask = None, standard_error = None,
+    saturated = None,
     truth = None, **settings,
 ))]
 // In Python these are keyword arguments with defaults.
@@ -144,11 +157,12 @@ pub(crate) fn invert(
     start: Option<&Bound<'_, PyAny>>,
     mask: Option<&Bound<'_, PyAny>>,
     standard_error: Option<&Bound<'_, PyAny>>,
+    saturated: Option<&Bound<'_, PyAny>>,
     truth: Option<&Bound<'_, PyAny>>,
     settings: Option<&Bound<'_, PyDict>>,
 ) -> PyResult<Reconstruction> {
     let request = Request {
-        observation: observation(radiance, views, light, standard_error)?,
+        observation: observation(radiance, views, light, standard_error, saturated)?,
         mask: mask.map(|mask| booleans(mask, "mask", VOLUME)).transpose()?,
         truth: optional(truth, "truth")?,
         settings: keywords(py, settings)?,
@@ -193,7 +207,7 @@ pub(crate) fn invert(
 /// mask : array of bool, [z, y, x], optional
 ///     The voxels in which the extinction is retrieved. By default the mask is carved from the
 ///     images with `carve`.
-/// standard_error, truth, **settings
+/// standard_error, saturated, truth, **settings
 ///     As in `invert`.
 ///
 /// Returns
@@ -210,7 +224,7 @@ pub(crate) fn invert(
 #[pyfunction]
 #[pyo3(signature = (
     radiance, views, network, light = None, *, grid = None, quick = false, mask = None,
-    standard_error = None, truth = None, **settings,
+    standard_error = None, saturated = None, truth = None, **settings,
 ))]
 #[allow(clippy::too_many_arguments)]
 pub(crate) fn hybrid(
@@ -223,6 +237,7 @@ pub(crate) fn hybrid(
     quick: bool,
     mask: Option<&Bound<'_, PyAny>>,
     standard_error: Option<&Bound<'_, PyAny>>,
+    saturated: Option<&Bound<'_, PyAny>>,
     truth: Option<&Bound<'_, PyAny>>,
     settings: Option<&Bound<'_, PyDict>>,
 ) -> PyResult<Reconstruction> {
@@ -232,6 +247,7 @@ pub(crate) fn hybrid(
             views,
             Some(Light(network.light(light)?)),
             standard_error,
+            saturated,
         )?,
         mask: mask.map(|mask| booleans(mask, "mask", VOLUME)).transpose()?,
         truth: optional(truth, "truth")?,
@@ -262,6 +278,7 @@ fn observation(
     views: ViewSequence,
     light: Option<Light>,
     standard_error: Option<&Bound<'_, PyAny>>,
+    saturated: Option<&Bound<'_, PyAny>>,
 ) -> PyResult<Observation> {
     let images = ViewStack::new(Floats::new(radiance, "radiance", IMAGES)?.to_owned());
     let light = or_default(light);
@@ -269,9 +286,14 @@ fn observation(
         images.and_then(|images| Observation::new(light, views.0, images)).map_err(raise)?;
     if let Some(errors) = standard_error {
         let errors = Floats::new(errors, "standard_error", IMAGES)?.to_owned();
-        observation.standard_error = Some(ViewStack::new(errors).map_err(raise)?);
+        observation.standard_error = Some(ViewStack::of_errors(errors).map_err(raise)?);
     }
-    Ok(observation)
+    match saturated {
+        None => Ok(observation),
+        Some(marks) => {
+            observation.with_saturated(booleans(marks, "saturated", IMAGES)?).map_err(raise)
+        }
+    }
 }
 
 fn optional(volume: Option<&Bound<'_, PyAny>>, name: &str) -> PyResult<Option<Array3<f32>>> {
@@ -283,7 +305,9 @@ fn keywords(py: Python<'_>, settings: Option<&Bound<'_, PyDict>>) -> PyResult<In
     read(settings.unwrap_or(&nothing))
 }
 
-fn give_reconstruction(py: Python<'_>, (answer, mask): (Answer, Mask)) -> PyResult<Reconstruction> {
+fn give_reconstruction(py: Python<'_>, solved: Solved) -> PyResult<Reconstruction> {
+    let Solved { answer, mask, warning } = solved;
+    warn_of_ground(py, warning)?;
     let text = |value: serde_json::Result<String>| value.expect("plain numbers and text");
     let history = text(serde_json::to_string(&answer.history));
     let ending = text(serde_json::to_string(&answer.ending)).trim_matches('"').to_owned();

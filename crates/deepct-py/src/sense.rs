@@ -108,12 +108,15 @@ impl From<sensor::Sensor> for Sensor {
 ///     Radiance (1/sr) derived from the grey levels, after subtraction of the mean dark charge.
 /// noise : numpy.ndarray, float32, [view, row, col]
 ///     Standard deviation of the noise of each pixel (1/sr), estimated from the measured charge.
+/// saturated : numpy.ndarray, bool, [view, row, col]
+///     The pixels that are saturated: they are at least as bright as their radiance.
 /// electrons_per_radiance : float
 ///     The factor between radiance and charge (electrons sr).
 #[pyclass(frozen, module = "deepct_py", get_all)]
 pub(crate) struct Sensed {
     radiance: Py<PyArray3<f32>>,
     noise: Py<PyArray3<f32>>,
+    saturated: Py<PyArray3<bool>>,
     electrons_per_radiance: f64,
 }
 
@@ -169,6 +172,7 @@ pub(crate) fn sense(
     Ok(Sensed {
         radiance: give(py, sensed.images.values),
         noise: give(py, sensed.noise.values),
+        saturated: give(py, sensed.saturated),
         electrons_per_radiance: sensed.electrons_per_radiance,
     })
 }

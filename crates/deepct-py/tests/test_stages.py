@@ -155,9 +155,60 @@ def test_a_mask_holds_the_ball_it_was_carved_from(grid, extinction, views):
     assert carved.mask.dtype == np.bool_ and carved.mask.shape == grid.shape
     assert carved.mask[extinction > 0.0].all()
     assert not carved.mask[:, 0, 0].any() and carved.mask.mean() < 0.6
-    assert carved.threshold == 0.5
+    assert (carved.thresholds == 0.5).all()
     found = deepct_py.carve(radiance + np.float32(0.01), views, grid)
-    assert 0.01 < found.threshold < 1.01
+    assert ((0.01 < found.thresholds) & (found.thresholds < 1.01)).all()
+
+
+def test_every_view_has_its_own_threshold():
+    """Slanted views look through more air: with one threshold for all views, a fifth of the cloud
+    was carved away."""
+    cloud = deepct_py.generate_cloud(seed=3)
+    views = deepct_py.Views.load("pearls-32", cloud.grid.center)
+    light = deepct_py.Light(air=True, wavelength=0.555)
+    images = deepct_py.render(cloud.extinction, cloud.grid, views, light, solver="ordinates")
+    carved = deepct_py.carve(images.radiance, views, cloud.grid)
+    missed = cloud.extinction[~carved.mask].sum() / cloud.extinction.sum()
+    assert missed < 0.005 and carved.mask.mean() < 0.15
+    assert carved.thresholds.max() > 1.5 * carved.thresholds.min()
+
+
+def test_bright_ground_is_told(grid, extinction):
+    views = [
+        deepct_py.View.orthographic(abs(zenith), 90 - 90 * np.sign(zenith), grid.center, 0.05, (24, 24))
+        for zenith in (-50, -25, 0, 25, 50)
+    ]
+    light = deepct_py.Light(sun_zenith_deg=45.0, surface_albedo=0.8)
+    images = deepct_py.render(extinction, grid, views, light, solver="ordinates").radiance
+    with pytest.warns(UserWarning, match="the clear surface is as bright as the clouds"):
+        assert deepct_py.carve(images, views, grid).mask.all()
+
+
+def test_pixels_that_are_saturated_or_defective(grid, extinction):
+    """Saturated pixels are lower bounds, and an infinite standard error leaves pixels out."""
+    views = [
+        deepct_py.View.orthographic(abs(zenith), 90 - 90 * np.sign(zenith), grid.center, 0.05, (24, 24))
+        for zenith in (-45, -25, 0, 25, 45)
+    ]
+    images = deepct_py.render(extinction, grid, views, solver="ordinates").radiance
+
+    def error(radiance, **arguments):
+        found = deepct_py.invert(radiance, views, grid, iterations=40, **arguments)
+        return deepct_py.score(extinction, found.extinction).relative_error
+
+    clean = deepct_py.sense(images, seed=3)
+    whole = error(clean.radiance, standard_error=clean.noise, saturated=clean.saturated)
+    bright = deepct_py.sense(images, electrons_per_radiance=2 * clean.electrons_per_radiance, seed=3)
+    assert 0.01 < bright.saturated.mean() < 0.2
+    bound = error(bright.radiance, standard_error=bright.noise, saturated=bright.saturated)
+    taken = error(bright.radiance, standard_error=bright.noise)
+    assert whole < 0.25 and bound < 0.3 and taken > 0.8
+    dead, noise = clean.radiance.copy(), clean.noise.copy()
+    dead[2, 10:14, 10:14], noise[2, 10:14, 10:14] = 0.0, np.inf
+    left_out = error(dead, standard_error=noise)
+    noise[2, 10:14, 10:14] = clean.noise.min()
+    taken_dead = error(dead, standard_error=noise)
+    assert left_out < 0.25 and taken_dead > 1.0
 
 
 def test_an_inversion_finds_a_thin_ball(grid, extinction, views):

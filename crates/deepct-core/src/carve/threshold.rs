@@ -1,6 +1,9 @@
 //! The radiance that separates cloud from clear sky.
 
 use crate::image::ViewStack;
+use crate::scene::Observation;
+use ndarray::{Array3, Axis};
+use std::f64::consts::PI;
 
 /// Height of the threshold above the background in standard deviations.
 const DEVIATIONS: f64 = 3.0;
@@ -13,52 +16,123 @@ const LEVELS: f64 = 3.0;
 /// Standard deviation of a normal distribution divided by its median absolute deviation.
 const DEVIATIONS_PER_MEDIAN: f64 = 1.482_6;
 
-/// The radiance (1/sr) that separates clear sky over a dark surface from cloud, estimated from the
-/// distribution of all pixels of all views.
+/// Apparent albedo of the clear sky, relative to a white surface under the Sun, from which on it may be
+/// as bright as clouds.
+const BRIGHT_GROUND: f64 = 0.2;
+/// Smallest ratio of the brightest pixels to the background of such a surface with which they are
+/// taken for clouds. Above an albedo of 0.3, the ratio is 1.25 to 1.5, and a mask by brightness loses
+/// 6 to 20 % of the extinction; above 0.4, it loses most of it.
+const CONTRAST: f64 = 1.4;
+/// Share of the pixels that are brighter than those with which the background is compared.
+const BRIGHTEST_SHARE: f64 = 0.01;
+
+/// The radiances that separate cloud from clear sky.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CloudThreshold {
+    /// The threshold of each view (1/sr).
+    pub by_view: Vec<f32>,
+    /// Whether the clear sky is so bright that clouds are not brighter.
+    pub is_bright_ground: bool,
+}
+
+/// The radiances (1/sr) that separate clear sky over a dark surface from cloud, estimated from the
+/// distribution of the pixels whose radiance is known ([`Observation::known`]).
 ///
-/// The background is the densest part of the distribution, found as its half-sample mode (Robertson
-/// and Cryer 1974). Its spread is the median absolute deviation on the narrower of its two sides,
-/// because clouds broaden the upper side and their shadows the lower one. The threshold is three
-/// standard deviations above the background, and at least a twentieth of it. If more than half of
-/// the background has the same grey level, its spread is not known, and the threshold is three grey
-/// levels above it. With the `standard_error` of the images (1/sr), it is at least three times that
-/// of the background above it: sensors cut off the noise of dark pixels at zero.
+/// The background of a view is the densest part of the darker half of its pixels, found as their
+/// half-sample mode (Robertson and Cryer 1974): in slanted views, the atmosphere makes it brighter.
+/// Views are aligned by their backgrounds. The background of all views is again the half-sample
+/// mode, and its spread is the median absolute deviation on the narrower of its two sides, because
+/// clouds broaden the upper side and their shadows the lower one. The threshold is three standard
+/// deviations above the background, and at least a twentieth of it. If more than half of the
+/// background has the same grey level, its spread is not known, and the threshold is three grey
+/// levels above it. With the standard error of the images, it is at least three times that of the
+/// background above it.
 ///
 /// Methods that split the histogram into two classes (Otsu 1979) are unsuitable: over a dark ocean
 /// surface, the two classes are the shadows and all other pixels. If the images contain no clear
 /// sky, there is no background, and the threshold must be given explicitly.
-pub fn cloud_threshold(images: &ViewStack, standard_error: Option<&ViewStack>) -> f32 {
-    let mut sorted: Vec<f64> = images.values.iter().map(|&radiance| f64::from(radiance)).collect();
-    sorted.sort_by(f64::total_cmp);
-    let background = half_sample_mode(&sorted);
-    let lower = sorted.partition_point(|&radiance| radiance <= background);
-    let upper = sorted.partition_point(|&radiance| radiance < background);
-    let (below, above) = (&sorted[..lower], &sorted[upper..]);
+///
+/// The background is compared with a white surface under the Sun to find ground that is as bright as
+/// clouds.
+pub fn cloud_threshold(observation: &Observation) -> CloudThreshold {
+    let sun = &observation.light.sun;
+    let white = sun.irradiance * sun.zenith.cos() / PI;
+    let Observation { images, standard_error, .. } = observation;
+    threshold(images, standard_error.as_ref(), &observation.known(), white)
+}
+
+/// As [`cloud_threshold`], with the radiance (1/sr) of a white surface.
+fn threshold(
+    images: &ViewStack,
+    standard_error: Option<&ViewStack>,
+    known: &Array3<bool>,
+    white: f64,
+) -> CloudThreshold {
+    let views: Vec<Vec<[f64; 2]>> = (0..images.shape()[0])
+        .map(|view| {
+            let error = |place| standard_error.map_or(0.0, |errors| errors.image(view)[place]);
+            let known = known.index_axis(Axis(0), view);
+            let pixels = images.image(view);
+            let pixels = pixels.indexed_iter().filter(|(place, _)| known[*place]);
+            pixels.map(|(place, value)| [f64::from(*value), f64::from(error(place))]).collect()
+        })
+        .collect();
+    let sorted = |pixels: &mut dyn Iterator<Item = f64>| {
+        let mut values: Vec<f64> = pixels.collect();
+        values.sort_by(f64::total_cmp);
+        values
+    };
+    let mut grey_level = f64::INFINITY;
+    let mut own: Vec<Option<f64>> = Vec::with_capacity(views.len());
+    for pixels in &views {
+        let values = sorted(&mut pixels.iter().map(|[value, _]| *value));
+        grey_level = grey_level.min(smallest_step(&values));
+        let darker = &values[..values.len().div_ceil(2)];
+        own.push((!darker.is_empty()).then(|| half_sample_mode(darker)));
+    }
+    let known: Vec<f64> = own.iter().flatten().copied().collect();
+    let mean = known.iter().sum::<f64>() / known.len().max(1) as f64;
+    let offsets: Vec<f64> = own.iter().map(|own| own.map_or(0.0, |own| own - mean)).collect();
+    let aligned: Vec<[f64; 2]> = views
+        .iter()
+        .zip(&offsets)
+        .flat_map(|(pixels, offset)| {
+            pixels.iter().map(move |[value, error]| [value - offset, *error])
+        })
+        .collect();
+    let values = sorted(&mut aligned.iter().map(|[value, _]| *value));
+    if values.is_empty() {
+        return CloudThreshold { by_view: vec![0.0; views.len()], is_bright_ground: false };
+    }
+    let background = half_sample_mode(&values);
+    let lower = values.partition_point(|&radiance| radiance <= background);
+    let upper = values.partition_point(|&radiance| radiance < background);
+    let (below, above) = (&values[..lower], &values[upper..]);
     let median = |side: &[f64]| side.get(side.len() / 2).map(|middle| (middle - background).abs());
     let narrower =
         [median(below), median(above)].into_iter().flatten().fold(f64::INFINITY, f64::min);
-    let brightest = sorted.last().copied().unwrap_or(background);
+    let brightest = values[values.len() - 1];
     let rise = match narrower {
         // Images of very few grey levels are separated in the middle.
-        0.0 => (LEVELS * grey_level(&sorted)).min(0.5 * (brightest - background)),
+        0.0 => (LEVELS * grey_level).min(0.5 * (brightest - background)),
         _ => DEVIATIONS * DEVIATIONS_PER_MEDIAN * narrower,
     };
-    let noise = standard_error.map_or(0.0, |errors| {
-        let pixels = images.values.iter().zip(&errors.values);
-        let dark = pixels.filter(|(radiance, _)| f64::from(**radiance) <= background);
-        let mut noise: Vec<f64> = dark.map(|(_, error)| f64::from(*error)).collect();
-        noise.sort_by(f64::total_cmp);
-        noise.get(noise.len() / 2).copied().unwrap_or(0.0)
-    });
+    let dark = aligned.iter().filter(|[value, _]| *value <= background);
+    let noise = sorted(&mut dark.map(|[_, error]| *error));
+    let noise = noise.get(noise.len() / 2).copied().unwrap_or(0.0);
     let rise = rise.max(LEAST_RISE * background.abs()).max(DEVIATIONS * noise);
-    (background + rise) as f32
+    let bright = values[((1.0 - BRIGHTEST_SHARE) * (values.len() - 1) as f64) as usize];
+    CloudThreshold {
+        by_view: offsets.iter().map(|offset| (background + offset + rise) as f32).collect(),
+        is_bright_ground: background > BRIGHT_GROUND * white && bright < CONTRAST * background,
+    }
 }
 
 /// The smallest difference between sorted values that are not equal: for quantised images, a grey
-/// level. Zero if all values are equal.
-fn grey_level(sorted: &[f64]) -> f64 {
+/// level. Infinite if all values are equal.
+fn smallest_step(sorted: &[f64]) -> f64 {
     let steps = sorted.windows(2).map(|pair| pair[1] - pair[0]).filter(|step| *step > 0.0);
-    steps.reduce(f64::min).unwrap_or(0.0)
+    steps.fold(f64::INFINITY, f64::min)
 }
 
 /// The half-sample mode of sorted values: the half of the values that lie closest together is
@@ -79,7 +153,6 @@ fn half_sample_mode(sorted: &[f64]) -> f64 {
 mod tests {
     use super::*;
     use crate::rng::{Purpose, stream};
-    use ndarray::Array3;
     use rand_distr::{Distribution, Normal};
 
     /// Pixels around a background of 0.0138, pixels in shadow and cloudy pixels.
@@ -97,10 +170,21 @@ mod tests {
         ViewStack::new(Array3::from_shape_vec((1, 100, 100), values).unwrap()).unwrap()
     }
 
+    /// The thresholds where a white surface has a radiance of 0.25/sr; pixels above 0.3/sr are
+    /// saturated.
+    fn of(images: &ViewStack, standard_error: Option<&ViewStack>) -> CloudThreshold {
+        let known = images.values.mapv(|radiance| radiance < 0.3);
+        super::threshold(images, standard_error, &known, 0.25)
+    }
+
+    fn threshold(images: &ViewStack, standard_error: Option<&ViewStack>) -> f64 {
+        f64::from(of(images, standard_error).by_view[0])
+    }
+
     #[test]
     fn the_threshold_is_three_deviations_above_the_background() {
-        let threshold = f64::from(cloud_threshold(&images(0.0005, 0, 0), None));
-        assert!((threshold - 0.0153).abs() < 0.0002, "{threshold}");
+        let found = threshold(&images(0.0005, 0, 0), None);
+        assert!((found - 0.0153).abs() < 0.0002, "{found}");
     }
 
     /// Clouds and shadows on 25 to 40 % of the pixels broaden the distribution, but the threshold
@@ -108,17 +192,17 @@ mod tests {
     #[test]
     fn clouds_and_their_shadows_do_not_hide_the_background() {
         for (shadows, clouds) in [(2000, 500), (500, 2000), (1700, 1700), (0, 4000), (4000, 0)] {
-            let threshold = f64::from(cloud_threshold(&images(0.0005, shadows, clouds), None));
-            assert!((0.0148..0.0165).contains(&threshold), "{shadows} {clouds} {threshold}");
+            let found = threshold(&images(0.0005, shadows, clouds), None);
+            assert!((0.0148..0.0165).contains(&found), "{shadows} {clouds} {found}");
         }
     }
 
     #[test]
     fn without_noise_a_twentieth_above_the_background() {
-        let threshold = f64::from(cloud_threshold(&images(0.0, 1000, 1000), None));
-        assert!((threshold / 0.0138 - 1.05).abs() < 1e-4, "{threshold}");
+        let found = threshold(&images(0.0, 1000, 1000), None);
+        assert!((found / 0.0138 - 1.05).abs() < 1e-4, "{found}");
         let dark = ViewStack::new(Array3::zeros((2, 3, 4))).unwrap();
-        assert_eq!(cloud_threshold(&dark, None), 0.0);
+        assert_eq!(threshold(&dark, None), 0.0);
     }
 
     /// Images of a dark scene by a sensor whose noise is below one grey level.
@@ -133,12 +217,34 @@ mod tests {
             .collect();
         let images =
             ViewStack::new(Array3::from_shape_vec((1, 100, 100), values).unwrap()).unwrap();
-        let threshold = cloud_threshold(&images, None);
+        let found = threshold(&images, None);
         let errors = ViewStack::new(images.values.mapv(|_| 0.002)).unwrap();
-        assert!((cloud_threshold(&images, Some(&errors)) - 0.006).abs() < 1e-6);
-        assert!((f64::from(threshold) / (3.0 * level) - 1.0).abs() < 1e-3, "{threshold}");
-        let above = images.values.iter().skip(800).filter(|value| **value > threshold).count();
+        assert!((threshold(&images, Some(&errors)) - 0.006).abs() < 1e-6);
+        assert!((found / (3.0 * level) - 1.0).abs() < 1e-3, "{found}");
+        let above =
+            images.values.iter().skip(800).filter(|value| f64::from(**value) > found).count();
         assert!(above < 5, "{above}");
+    }
+
+    /// The light of the atmosphere in slanted views, and saturated pixels, which are left out.
+    #[test]
+    fn every_view_has_its_own_background() {
+        let one = images(0.0005, 500, 2000).values;
+        let far = one.mapv(|value| if value > 0.05 { 0.3 } else { value + 0.03 });
+        let both = ndarray::concatenate(Axis(0), &[one.view(), far.view()]).unwrap();
+        let found = of(&ViewStack::new(both).unwrap(), None);
+        assert!((0.0148..0.0165).contains(&found.by_view[0]), "{found:?}");
+        assert!((found.by_view[1] - found.by_view[0] - 0.03).abs() < 5e-4, "{found:?}");
+        assert!(!found.is_bright_ground);
+    }
+
+    /// Clouds above ground of an albedo of 0.8 are hardly brighter than it.
+    #[test]
+    fn ground_as_bright_as_clouds_is_told() {
+        let bright = images(0.0005, 500, 2000).values.mapv(|value| 0.2 + 0.2 * value);
+        let bright = ViewStack::new(bright).unwrap();
+        assert!(of(&bright, None).is_bright_ground);
+        assert!(!of(&images(0.0005, 500, 2000), None).is_bright_ground);
     }
 
     #[test]

@@ -179,15 +179,17 @@ fn select_views(observation: &Observation, formation: &Formation) -> Result<Obse
             })
         })
         .collect::<Result<_>>()?;
-    let select = |images: &Array3<f32>| ViewStack::new(images.select(Axis(0), &chosen));
+    let select = |images: &Array3<f32>| images.select(Axis(0), &chosen);
     let mut selected = Observation::new(
         observation.light.clone(),
         chosen.iter().map(|view| observation.views[*view]).collect(),
-        select(&observation.images.values)?,
+        ViewStack::new(select(&observation.images.values))?,
     )?;
     selected.assumed.clone_from(&observation.assumed);
+    let errors = observation.standard_error.as_ref();
+    selected.saturated = observation.saturated.as_ref().map(|marks| marks.select(Axis(0), &chosen));
     selected.standard_error =
-        observation.standard_error.as_ref().map(|error| select(&error.values)).transpose()?;
+        errors.map(|errors| ViewStack::of_errors(select(&errors.values))).transpose()?;
     Ok(selected)
 }
 

@@ -13,15 +13,19 @@ use ndarray::{Array3, Zip};
 pub struct Measurement {
     images: ViewStack,
     standard_error: Array3<f32>,
+    /// Whether the radiance of each pixel is a lower bound, because the pixel is saturated.
+    is_bound: Array3<bool>,
 }
 
 impl Measurement {
     /// Creates a measurement from the images of an observation and their standard error or, if they
     /// have none, the `relative_noise` of the settings; the `model_error` and the `least_error` are
-    /// added in quadrature.
+    /// added in quadrature. Pixels with an infinite standard error are excluded. The radiance of a
+    /// saturated pixel is a lower bound, from which a brighter model does not differ.
     ///
     /// # Errors
-    /// Images without light; a standard error whose shape differs from that of the images.
+    /// Images without light; a standard error whose shape differs from that of the images; no pixel
+    /// that is included.
     pub fn new(observation: &Observation, settings: &InversionSettings) -> Result<Self> {
         let images = observation.images.clone();
         let brightest = f64::from(images.brightest());
@@ -32,12 +36,7 @@ impl Measurement {
         let noise = match &observation.standard_error {
             None => relative(settings.relative_noise),
             Some(noise) if noise.shape() == images.shape() => {
-                let negative = noise.values.indexed_iter().find(|(_, error)| **error < 0.0);
-                if let Some(((view, row, col), error)) = negative {
-                    let value = format!("{error} at [view {view}, row {row}, col {col}]");
-                    return Err(Error::out_of_range("standard error", value, "0 or more (1/sr)"));
-                }
-                noise.values.mapv(f64::from)
+                ViewStack::of_errors(noise.values.clone())?.values.mapv(f64::from)
             }
             Some(noise) => {
                 return Err(Error::mismatch(
@@ -53,7 +52,9 @@ impl Measurement {
             .and(&relative(settings.model_error))
             .map_collect(|noise, model| noise.hypot(*model).hypot(least) as f32);
         check_errors(&standard_error)?;
-        Ok(Self { images, standard_error })
+        let nowhere = || Array3::from_elem(images.values.dim(), false);
+        let is_bound = observation.saturated.clone().unwrap_or_else(nowhere);
+        Ok(Self { images, standard_error, is_bound })
     }
 
     /// Returns the measurement with an additional error of the model, relative to the radiance,
@@ -63,7 +64,7 @@ impl Measurement {
         let standard_error = Zip::from(&self.standard_error)
             .and(&images.values)
             .map_collect(|error, radiance| error.hypot(share as f32 * radiance));
-        Self { images, standard_error }
+        Self { images, standard_error, is_bound: self.is_bound.clone() }
     }
 
     /// Returns the measurement without the pixels whose lines of sight miss the mask, because they
@@ -80,7 +81,7 @@ impl Measurement {
                 *error = f32::INFINITY;
             }
         }
-        Self { images: self.images.clone(), standard_error }
+        Self { standard_error, ..self.clone() }
     }
 
     /// Whether each pixel is included.
@@ -100,15 +101,25 @@ impl Measurement {
     /// Images whose shape differs from that of the measurement.
     pub fn misfit(&self, images: &ViewStack) -> Result<f64> {
         self.check(images)?;
-        let residuals = images.values.iter().zip(&self.images.values).zip(&self.standard_error);
-        let squares = residuals.map(|((model, seen), error)| {
-            let residual = f64::from(model - seen) / f64::from(*error);
+        let residuals = self.residuals(images);
+        let squares = residuals.iter().zip(&self.standard_error).map(|(residual, error)| {
+            let residual = f64::from(*residual) / f64::from(*error);
             residual * residual
         });
         Ok(squares.sum::<f64>() / self.pixels() as f64)
     }
 
-    /// The mean over all pixels of the squared residual, in units of the largest radiance, so that
+    /// The difference of each pixel of a model from the measured one.
+    fn residuals(&self, images: &ViewStack) -> Array3<f32> {
+        Zip::from(&images.values).and(&self.images.values).and(&self.is_bound).map_collect(
+            |model, seen, is_bound| {
+                let residual = model - seen;
+                if *is_bound { residual.min(0.0) } else { residual }
+            },
+        )
+    }
+
+    /// The mean over all included pixels of the squared residual, in units of the largest radiance, so that
     /// bright pixels contribute most.
     ///
     /// # Errors
@@ -116,8 +127,10 @@ impl Measurement {
     pub(super) fn difference(&self, images: &ViewStack) -> Result<f64> {
         self.check(images)?;
         let brightest = f64::from(self.images.brightest());
-        let residuals = images.values.iter().zip(&self.images.values);
-        let squares = residuals.map(|(model, seen)| (f64::from(model - seen) / brightest).powi(2));
+        let residuals = self.residuals(images);
+        let residuals = residuals.iter().zip(&self.standard_error);
+        let included = residuals.filter(|(_, error)| error.is_finite());
+        let squares = included.map(|(residual, _)| (f64::from(*residual) / brightest).powi(2));
         Ok(squares.sum::<f64>() / self.pixels() as f64)
     }
 
@@ -129,10 +142,9 @@ impl Measurement {
         self.check(images)?;
         let count = self.pixels() as f32;
         ViewStack::new(
-            Zip::from(&images.values)
-                .and(&self.images.values)
+            Zip::from(&self.residuals(images))
                 .and(&self.standard_error)
-                .map_collect(|model, seen, error| (model - seen) / (error * error * count)),
+                .map_collect(|residual, error| residual / (error * error * count)),
         )
     }
 
@@ -171,8 +183,13 @@ impl Measurement {
 }
 
 fn check_errors(standard_error: &Array3<f32>) -> Result<()> {
-    match standard_error.indexed_iter().find(|(_, error)| !(error.is_finite() && **error > 0.0)) {
-        None => Ok(()),
+    match standard_error.indexed_iter().find(|(_, error)| error.is_nan() || **error <= 0.0) {
+        None if standard_error.iter().any(|error| error.is_finite()) => Ok(()),
+        None => Err(Error::out_of_range(
+            "standard error",
+            "infinite in every pixel",
+            "finite in those that are not left out, for example because they are saturated",
+        )),
         Some(((view, row, col), error)) => Err(Error::out_of_range(
             "standard error",
             format!("{error} at [view {view}, row {row}, col {col}]"),
@@ -217,6 +234,21 @@ mod tests {
         assert_eq!(half.pixels(), 1);
         let misfit = half.misfit(&stack(4.0, 9.0)).unwrap();
         assert!((misfit - 1.0 / 0.34).abs() < 1e-6, "{misfit}");
+        let mut partly = seen.clone();
+        partly.standard_error =
+            Some(ViewStack::of_errors(ndarray::array![[[0.3, f32::INFINITY]]]).unwrap());
+        let left = Measurement::new(&partly, &settings).unwrap();
+        assert_eq!(left.pixels(), 1);
+        assert!((left.misfit(&stack(4.0, 9.0)).unwrap() - 1.0 / 0.34).abs() < 1e-6);
+        partly.standard_error =
+            Some(ViewStack::of_errors(Array3::from_elem((1, 1, 2), f32::INFINITY)).unwrap());
+        assert!(Measurement::new(&partly, &settings).is_err());
+        // A saturated pixel: only a darker model differs from it.
+        let bound = seen.clone().with_saturated(ndarray::array![[[true, false]]]).unwrap();
+        let bound = Measurement::new(&bound, &settings).unwrap();
+        assert!((bound.misfit(&stack(2.0, 4.0)).unwrap() - 0.5 / 0.34).abs() < 1e-6);
+        assert_eq!(bound.misfit(&stack(9.0, 4.0)).unwrap(), 0.0);
+        assert_eq!(bound.derivative(&stack(9.0, 4.0)).unwrap().values[[0, 0, 0]], 0.0);
         let exact = InversionSettings { model_error: 0.0, least_error: 0.0, ..settings };
         let problem = Measurement::new(&seen, &exact).unwrap_err().to_string();
         assert!(problem.contains("col 1"), "{problem}");

@@ -45,6 +45,8 @@ pub fn inversion_identity(problem: &Problem, start: &Start, configuration: &str)
     let mut parts: Vec<Vec<u8>> =
         fields.iter().map(|field| field.iter().flat_map(|x| x.to_le_bytes()).collect()).collect();
     parts.push(mask.values.iter().map(|inside| u8::from(*inside)).collect());
+    let saturated = observation.saturated.iter().flatten();
+    parts.push(saturated.map(|saturated| u8::from(*saturated)).collect());
     let geometry = format!("{:?} {:?} {:?}", observation.views, observation.light, mask.grid);
     parts.push(geometry.into_bytes());
     let digest = crate::files::sha256_of(parts.iter().map(Vec::as_slice));

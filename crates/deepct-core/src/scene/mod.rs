@@ -20,6 +20,7 @@ use crate::image::{ImagingGeometry, ViewGeometry, ViewStack};
 use crate::math::{DVec3, towards};
 use crate::optics::Medium;
 use crate::optics::air::Air;
+use ndarray::Array3;
 
 /// Difference of two altitudes (km) that is due to rounding.
 const ROUNDING: f64 = 1e-9;
@@ -134,8 +135,12 @@ pub struct Observation {
     pub views: Vec<View>,
     /// Radiance (1/sr).
     pub images: ViewStack,
-    /// Standard error of the radiance (1/sr); `None` if it is unknown.
+    /// Standard error of the radiance (1/sr), infinite for pixels that are left out, such as defective
+    /// ones; `None` if it is unknown.
     pub standard_error: Option<ViewStack>,
+    /// Pixels that are saturated, `[view, row, col]`: they are at least as bright as their radiance.
+    /// `None` if no pixel is known to be.
+    pub saturated: Option<Array3<bool>>,
 }
 
 /// Largest plausible radiance (1/sr) for a solar irradiance of 1. That of clouds is below 1, that of
@@ -191,7 +196,38 @@ impl Observation {
         }
         let light = light.into();
         check_radiances(&images, light.sun.irradiance)?;
-        Ok(Self { light, assumed: Vec::new(), views, images, standard_error: None })
+        let assumed = Vec::new();
+        Ok(Self { light, assumed, views, images, standard_error: None, saturated: None })
+    }
+
+    /// The observation with its saturated pixels marked.
+    ///
+    /// # Errors
+    /// Returns an error if the marks do not have the shape of the images.
+    pub fn with_saturated(self, saturated: Array3<bool>) -> Result<Self> {
+        if saturated.dim() != self.images.values.dim() {
+            return Err(Error::mismatch(
+                "shape [view, row, col] of the saturated pixels",
+                format!("{:?}", self.images.shape()),
+                format!("{:?}", saturated.shape()),
+                "mark every pixel",
+            ));
+        }
+        let any = saturated.iter().any(|marked| *marked);
+        Ok(Self { saturated: any.then_some(saturated), ..self })
+    }
+
+    /// Whether the radiance of each pixel is known, `[view, row, col]`: it is neither saturated nor
+    /// left out by an infinite standard error.
+    pub fn known(&self) -> Array3<bool> {
+        let mut known = Array3::from_elem(self.images.values.dim(), true);
+        if let Some(errors) = &self.standard_error {
+            known.zip_mut_with(&errors.values, |known, error| *known &= error.is_finite());
+        }
+        if let Some(saturated) = &self.saturated {
+            known.zip_mut_with(saturated, |known, saturated| *known &= !saturated);
+        }
+        known
     }
 
     /// The solar and viewing geometry as plain numbers.

@@ -214,6 +214,8 @@ class Sensed:
     @property
     def noise(self) -> NDArray[np.float32]: ...
     @property
+    def saturated(self) -> NDArray[np.bool_]: ...
+    @property
     def electrons_per_radiance(self) -> float: ...
 
 def sense(
@@ -229,7 +231,7 @@ class Carved:
     @property
     def mask(self) -> NDArray[np.bool_]: ...
     @property
-    def threshold(self) -> float: ...
+    def thresholds(self) -> NDArray[np.float32]: ...
 
 def carve(
     radiance: ArrayLike,
@@ -238,6 +240,7 @@ def carve(
     *,
     threshold: Optional[float] = None,
     standard_error: Optional[ArrayLike] = None,
+    saturated: Optional[ArrayLike] = None,
     agreement: Optional[float] = None,
 ) -> Carved: ...
 
@@ -299,6 +302,7 @@ def invert(
     start: Union[float, ArrayLike, Literal["auto"], None] = None,
     mask: Optional[ArrayLike] = None,
     standard_error: Optional[ArrayLike] = None,
+    saturated: Optional[ArrayLike] = None,
     truth: Optional[ArrayLike] = None,
     **settings: Any,
 ) -> Reconstruction: ...
@@ -312,6 +316,7 @@ def hybrid(
     quick: bool = False,
     mask: Optional[ArrayLike] = None,
     standard_error: Optional[ArrayLike] = None,
+    saturated: Optional[ArrayLike] = None,
     truth: Optional[ArrayLike] = None,
     **settings: Any,
 ) -> Reconstruction: ...

@@ -7,7 +7,7 @@ use crate::error::{Error, Result};
 use crate::image::ViewStack;
 use crate::math::DVec3;
 use crate::scene::{Observation, Projection, View};
-use ndarray::{Array1, Array2, ArrayD, Axis};
+use ndarray::{Array1, Array2, Array3, ArrayD, Axis, Ix3};
 use std::path::Path;
 
 /// The dimensions of images.
@@ -71,9 +71,18 @@ pub(super) fn put_observation(output: &mut Output, observation: &Observation) ->
     let radiance = [("units", Text("sr-1")), ("long_name", Text("radiance"))];
     output.variable("radiance", &PIXELS, &observation.images.values, &radiance)?;
     if let Some(error) = &observation.standard_error {
-        let attributes =
-            [("units", Text("sr-1")), ("long_name", Text("standard error of radiance"))];
+        let long_name = "standard error of radiance; infinite for pixels that are left out, for \
+                         example because they are saturated";
+        let attributes = [("units", Text("sr-1")), ("long_name", Text(long_name))];
         output.variable("radiance_standard_error", &PIXELS, &error.values, &attributes)?;
+    }
+    if let Some(saturated) = &observation.saturated {
+        let attributes = [
+            ("long_name", Text("saturated pixels, which are at least as bright as their radiance")),
+            ("flag_values", Flags(&[0, 1])),
+            ("flag_meanings", Text("not_saturated saturated")),
+        ];
+        output.variable("saturated", &PIXELS, &saturated.mapv(i8::from), &attributes)?;
     }
     write_cameras(output, &observation.views)?;
     put_light(output, observation)
@@ -91,19 +100,25 @@ pub fn read_observation(path: impl AsRef<Path>) -> Result<Observation> {
     let path = path.as_ref();
     let input = Input::open(path)?;
     let relative = is_relative_to_the_irradiance(&input)?;
-    let stack = |name| -> Result<ViewStack> {
+    let values = |name| {
         let variable = input.variable_on(name, &PIXELS)?;
-        let values =
-            if relative { variable.reals_3d()? } else { variable.reals_3d_of_layout("sr-1")? };
-        ViewStack::new(values).map_err(|problem| {
-            input.error(name, problem.to_string(), "write images without missing pixels")
-        })
+        if relative { variable.reals_3d() } else { variable.reals_3d_of_layout("sr-1") }
     };
-    let images = stack("radiance")?;
+    let images = ViewStack::new(values("radiance")?).map_err(|problem| {
+        input.error("radiance", problem.to_string(), "write images without missing pixels")
+    })?;
     let window = Window::read(&input, images.shape())?;
-    let images = window.oriented(images);
+    let images = ViewStack { values: window.oriented(images.values) };
     let error = "radiance_standard_error";
-    let standard_error = if input.has(error) { Some(window.oriented(stack(error)?)) } else { None };
+    let standard_error = match input.has(error) {
+        true => {
+            let errors = ViewStack::of_errors(values(error)?).map_err(|problem| {
+                input.error(error, problem.to_string(), "write the standard error of every pixel")
+            })?;
+            Some(ViewStack { values: window.oriented(errors.values) })
+        }
+        false => None,
+    };
     let views = read_views(&input, &window, images.shape())?;
     let (light, assumed) = get_light(&input)?;
     let mut observation = Observation::new(light, views, images)
@@ -112,7 +127,14 @@ pub fn read_observation(path: impl AsRef<Path>) -> Result<Observation> {
         return Err(input.error(error, "has another shape than radiance", "write it again"));
     }
     (observation.assumed, observation.standard_error) = (assumed, standard_error);
-    Ok(observation)
+    if !input.has("saturated") {
+        return Ok(observation);
+    }
+    let marks = input.variable_on("saturated", &PIXELS)?.flags()?;
+    let marks = marks.into_dimensionality::<Ix3>().expect("three dimensions were checked");
+    observation
+        .with_saturated(window.oriented(marks))
+        .map_err(|problem| input.error("saturated", problem.to_string(), "mark every pixel"))
 }
 
 /// Whether the radiances have the unit of the solar irradiance per steradian, other than `sr-1`.
@@ -274,11 +296,11 @@ impl Window {
     }
 
     /// The images with rows to the north and columns to the east.
-    fn oriented(&self, mut images: ViewStack) -> ViewStack {
+    fn oriented<T>(&self, mut pixels: Array3<T>) -> Array3<T> {
         for (axis, _) in self.reversed.iter().enumerate().filter(|(_, reversed)| **reversed) {
-            images.values.invert_axis(Axis(1 + axis));
+            pixels.invert_axis(Axis(1 + axis));
         }
-        images
+        pixels
     }
 }
 
