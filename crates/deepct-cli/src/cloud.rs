@@ -7,7 +7,7 @@ use crate::outcome::Outcome;
 use deepct_core::cloud::{
     Cloud, CumulusSettings, FieldSettings, IsolateSettings, cumulus, field, isolate,
 };
-use deepct_core::io::import::{Crop, ImportSettings, import_cloud};
+use deepct_core::io::import::{AirDensity, Crop, ImportSettings, import_cloud};
 use deepct_core::io::{Provenance, write_cloud};
 use deepct_core::math::DVec3;
 use deepct_core::optics::extinction;
@@ -49,7 +49,7 @@ enum Kind {
     Field,
 }
 
-/// Import a large-eddy simulation (netCDF-4) or a pySHDOM or AT3D text file
+/// Import a large-eddy simulation (netCDF) or a pySHDOM or AT3D text file
 ///
 /// Liquid water and axes are identified by CF conventions or by customary names. The field is
 /// resampled onto the requested grid: conservatively onto coarser voxels, by linear interpolation
@@ -69,9 +69,11 @@ struct ImportArgs {
     /// the radii of the file are used, or 100 if it has none
     #[arg(long, value_name = "PER_CM3")]
     droplets: Option<f64>,
-    /// Air density (kg/m3), for a mixing ratio in a file without an air density
-    #[arg(long, value_name = "KG_PER_M3")]
-    air_density: Option<f64>,
+    /// Air density, for a mixing ratio: a number (kg/m3), or a profile in a file, such as
+    /// "profiles.001.nc:rhobf" or "default.nc:default/rhoref"; by default that of the file, from its
+    /// pressure and temperature, or that of the standard atmosphere
+    #[arg(long, value_name = "KG_PER_M3|FILE:VARIABLE", value_parser = str::parse::<AirDensity>)]
+    air_density: Option<AirDensity>,
     /// Name of the liquid water variable, if it is not identified automatically
     #[arg(long, value_name = "NAME")]
     variable: Option<String>,
@@ -141,7 +143,7 @@ fn import(args: &ImportArgs, global: &Global) -> Result<Outcome> {
         time: args.time,
         crop: args.crop,
         droplets_per_cm3: args.droplets,
-        air_density: args.air_density,
+        air_density: args.air_density.clone(),
         variable: args.variable.clone(),
         spacing: args.spacing.0,
         base: args.base,
@@ -149,9 +151,14 @@ fn import(args: &ImportArgs, global: &Global) -> Result<Outcome> {
         units: args.units.iter().cloned().collect(),
         allow_implausible: args.allow_implausible,
     };
-    let (cloud, warnings) = import_cloud(&args.file, &settings)?;
-    for warning in warnings {
+    let (cloud, report) = import_cloud(&args.file, &settings)?;
+    for warning in report.warnings {
         note!("deepct: warning: {warning}");
+    }
+    if !global.quiet {
+        for taken in report.taken {
+            say!("{taken}");
+        }
     }
     let provenance = Provenance {
         title: "Cloud imported from another file".into(),
@@ -225,7 +232,7 @@ struct Resolved<'a> {
     #[serde(skip_serializing_if = "Option::is_none")]
     droplets_per_cm3: Option<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
-    air_density: Option<f64>,
+    air_density: Option<String>,
     #[serde(skip_serializing_if = "Option::is_none")]
     variable: Option<&'a str>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -246,7 +253,7 @@ impl<'a> Resolved<'a> {
             time: args.time,
             crop: args.crop.map(|crop| [crop.x0, crop.y0, crop.nx, crop.ny]),
             droplets_per_cm3: args.droplets,
-            air_density: args.air_density,
+            air_density: args.air_density.as_ref().map(AirDensity::to_string),
             variable: args.variable.as_deref(),
             isolate: args.isolate,
             allow_implausible: args.allow_implausible,

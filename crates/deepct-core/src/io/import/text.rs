@@ -8,7 +8,7 @@
 //! `(i dx, j dy, z_k)`, which become the centres of voxels. Voxels that are not listed contain no
 //! water.
 
-use super::{Crop, ImportSettings, edges_of, grid_over};
+use super::{Crop, ImportReport, ImportSettings, edges_of, grid_over};
 use crate::cloud::resample::resample_droplets;
 use crate::cloud::{Cloud, EFFECTIVE_VARIANCE, Microphysics};
 use crate::error::{Error, Result};
@@ -49,7 +49,8 @@ struct Columns {
 }
 
 /// Read a text file in either format. Effective radii are those of the file unless the settings
-/// specify a droplet number concentration. Returns the cloud and warnings about it.
+/// specify a droplet number concentration. Returns the cloud and a
+/// report about it.
 ///
 /// # Errors
 /// Returns an error if the file is missing or not in one of these formats, if a line is invalid
@@ -58,7 +59,7 @@ struct Columns {
 pub fn read_text(
     path: impl AsRef<Path>,
     settings: &ImportSettings,
-) -> Result<(Cloud, Vec<String>)> {
+) -> Result<(Cloud, ImportReport)> {
     let path = path.as_ref();
     if let Some(name) = settings.units.keys().next() {
         let problem = "has no named unit: text files are in km, g/m3 and um";
@@ -93,7 +94,8 @@ pub fn read_text(
         )?,
         (_, microphysics) => Cloud { microphysics, ..cloud },
     };
-    Ok((cloud, checks.into_warnings()))
+    let (taken, warnings) = checks.into_notes_and_warnings();
+    Ok((cloud, ImportReport { taken, warnings }))
 }
 
 impl<'a> Lines<'a> {
