@@ -161,7 +161,8 @@ impl Layout {
         let mut layout = Self { kinds: Vec::new(), names: Vec::new(), reversed: Vec::new() };
         for (axis, &length) in variable.shape.iter().enumerate() {
             let name = variable.dimension(axis).unwrap_or_default();
-            match self.names.iter().position(|known| known == name) {
+            let named = |known: &String| known == name && !name.is_empty();
+            match self.names.iter().position(named) {
                 Some(place) => {
                     layout.push(self.kinds[place], name.to_owned(), self.reversed[place]);
                 }
@@ -225,7 +226,8 @@ impl Layout {
             .map(|axis| {
                 let range = ranges[self.kinds[axis] as usize].clone();
                 let length = variable.shape[axis];
-                if self.reversed[axis] { length - range.end..length - range.start } else { range }
+                let from_end = |index: usize| length.saturating_sub(index);
+                if self.reversed[axis] { from_end(range.end)..from_end(range.start) } else { range }
             })
             .collect();
         let mut values = variable.values_at::<f32>(&stored, factor, f64::from(missing))?;
@@ -317,7 +319,14 @@ pub(super) fn coordinate<'a>(
     kind: Kind,
 ) -> Option<Variable<'a>> {
     let of_one_axis = |variable: &Variable| variable.shape.len() == 1;
-    if let Some(own) = input.variable(dimension).ok().filter(of_one_axis) {
+    // A coordinate may depend on the time.
+    let of_times = |variable: &Variable| {
+        variable.shape.len() == 2
+            && variable.dimension(1) == Some(dimension)
+            && variable.dimension(0).and_then(|time| kind_of(input, time)) == Some(Kind::Time)
+    };
+    let own = input.variable(dimension).ok();
+    if let Some(own) = own.filter(|own| of_one_axis(own) || of_times(own)) {
         return Some(own);
     }
     let along: Vec<_> = input

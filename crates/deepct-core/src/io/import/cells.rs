@@ -5,7 +5,7 @@ use super::axes::{Kind, Layout, are_faces, coordinate, kind_of, leaf};
 use crate::error::Result;
 use crate::grid::resample;
 use crate::io::netcdf::{
-    Input, Variable, bounds, coordinates, edge_and_spacing, first_and_spacing,
+    Input, Variable, bounds, coordinates, coordinates_at, edge_and_spacing, first_and_spacing,
 };
 use crate::io::plausible::Checks;
 use ndarray::{Array2, ArrayD, Axis};
@@ -68,6 +68,7 @@ pub(super) fn horizontal(
         }
         return steps_of_wrf(input, water, kind, name, count, checks).map(Some);
     };
+    check_count(&axis, count)?;
     if let Some(cells) = of_own_layout(input, &axis)? {
         return Ok(Some(cells));
     }
@@ -119,10 +120,11 @@ pub(super) fn vertical(
         };
         return above_ground(water, Cells::ascending(faces), checks).map(Some);
     };
+    check_count(&axis, count)?;
     if let Some(cells) = of_own_layout(input, &axis)? {
         return above_ground(water, cells, checks).map(Some);
     }
-    let values = coordinates(&axis)?;
+    let values = coordinates_at(&axis, time)?;
     let kilometre = length_unit(&axis, &values, checks)?;
     let given = match bounds(input, &axis, &values)? {
         Some(faces) => {
@@ -169,11 +171,22 @@ fn single(axis: &Variable, centre: f64, size: Option<f64>, checks: &mut Checks) 
 
 /// The cells of a coordinate with the attributes of deepct's own layout.
 fn of_own_layout(input: &Input, axis: &Variable) -> Result<Option<Cells>> {
-    if axis.number("lower_edge").is_none() || axis.number("spacing").is_none() {
+    if axis.shape.len() != 1
+        || axis.number("lower_edge").is_none()
+        || axis.number("spacing").is_none()
+    {
         return Ok(None);
     }
     let (edge, spacing) = edge_and_spacing(input, axis)?;
     Ok(Some(Cells::ascending(resample::uniform_edges(edge, spacing, axis.shape[0]))))
+}
+
+fn check_count(axis: &Variable, count: usize) -> Result<()> {
+    if axis.shape.last() == Some(&count) {
+        return Ok(());
+    }
+    let problem = format!("has {:?} values for an axis of {count}", axis.shape);
+    Err(axis.error(problem, "write one coordinate per cell"))
 }
 
 fn check_steps(axis: &Variable, faces: &[f64]) -> Result<()> {

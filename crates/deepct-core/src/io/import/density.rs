@@ -341,8 +341,11 @@ impl Profile {
     }
 }
 
-/// The density (kg/m3) of the US Standard Atmosphere, 1976, at an altitude of up to 20 km.
+/// The density (kg/m3) of the US Standard Atmosphere, 1976, at an altitude (km) of up to 20 km.
 fn standard(altitude: f64) -> f32 {
+    /// Radius of the Earth (km) by which altitudes become geopotential altitudes.
+    const EARTH: f64 = 6356.766;
+    let altitude = EARTH * altitude / (EARTH + altitude);
     let troposphere = |z: f64| {
         let temperature = 288.15 - 6.5 * z;
         (1.225 * (temperature / 288.15).powf(4.255_88), temperature)

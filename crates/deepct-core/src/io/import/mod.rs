@@ -1,7 +1,7 @@
 //! Import of clouds: large-eddy simulations in netCDF, and the text formats of pySHDOM and AT3D.
 //!
 //! Fields of all formats are resampled to the requested grid by [`crate::grid::resample`]:
-//! conservatively to coarser cells, linearly to finer ones.
+//! conservatively to coarser cells and between stretched levels, linearly to finer cells of one size.
 
 mod axes;
 mod cells;
@@ -154,6 +154,10 @@ pub fn import_cloud(
     if !path.exists() {
         return Err(Error::file(path, "file", "does not exist", "check the path"));
     }
+    if path.is_dir() {
+        let (what, remedy) = folder(path);
+        return Err(Error::file(path, "file", what, remedy));
+    }
     crate::files::check_regular(path)?;
     let mut start = [0; 4];
     let read = std::fs::File::open(path).and_then(|mut file| file.read_exact(&mut start));
@@ -162,6 +166,22 @@ pub fn import_cloud(
         _ if is_hdf5(path) => read_les(path, settings),
         _ => read_text(path, settings),
     }
+}
+
+/// What a folder contains, and how it becomes a file.
+fn folder(path: &Path) -> (&'static str, &'static str) {
+    let has = |name: &str| path.join(name).exists();
+    let ends = |end: &str| path.extension().is_some_and(|found| found == end);
+    if ends("zarr") || [".zgroup", ".zmetadata", "zarr.json"].into_iter().any(has) {
+        let remedy = "convert it: xarray.open_zarr(...).to_netcdf(\"cloud.nc\")";
+        return ("is a folder with a Zarr store, which is not read", remedy);
+    }
+    if ends("bp") || has("md.idx") {
+        let remedy =
+            "read it with the Python module adios2 and write netCDF, or let the model write it";
+        return ("is a folder in the format ADIOS2 BP, which is not read", remedy);
+    }
+    ("is a folder", "give a file in it")
 }
 
 impl Crop {

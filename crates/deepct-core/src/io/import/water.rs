@@ -3,7 +3,7 @@
 
 use super::ImportSettings;
 use super::axes::{Layout, leaf};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::io::netcdf::{Input, Variable};
 use crate::io::plausible::Checks;
 use crate::io::units::Unit;
@@ -200,7 +200,7 @@ fn identify_water<'a>(input: &'a Input, checks: &mut Checks) -> Result<Variable<
     }
     match fallback {
         Some(variable) => input.variable(&variable.name),
-        None => Err(input.unreadable().unwrap_or_else(|| {
+        None => Err(unusable(input).unwrap_or_else(|| {
             input.error(
                 "liquid water",
                 "no variable is identified by its standard_name, name or long_name",
@@ -208,6 +208,12 @@ fn identify_water<'a>(input: &'a Input, checks: &mut Checks) -> Result<Variable<
             )
         })),
     }
+}
+
+/// An error about a variable that cannot be used, which may be the liquid water.
+fn unusable(input: &Input) -> Option<Error> {
+    let refused = input.names().iter().find_map(|name| input.variable(name).err());
+    input.unreadable().or(refused)
 }
 
 /// Whether the CF `standard_name` or the `long_name` of a variable is that of another quantity than

@@ -19,7 +19,21 @@ const CROPPED: f64 = 500.0;
 /// # Errors
 /// Returns an error if there are none, or if they are not finite numbers.
 pub(crate) fn coordinates(axis: &Variable) -> Result<Vec<f64>> {
-    let values: ArrayD<f64> = axis.reals()?;
+    coordinates_at(axis, 0)
+}
+
+/// The values of a coordinate, which may depend on the time as its first axis, in the unit of the file.
+///
+/// # Errors
+/// As [`coordinates`].
+pub(crate) fn coordinates_at(axis: &Variable, time: usize) -> Result<Vec<f64>> {
+    let values: ArrayD<f64> = match axis.shape[..] {
+        [times, length] => {
+            let time = time.min(times.saturating_sub(1));
+            axis.values_at(&[time..time + 1, 0..length], 1.0, f64::NAN)?
+        }
+        _ => axis.reals()?,
+    };
     let values = values.into_raw_vec_and_offset().0;
     match values.iter().position(|value| !value.is_finite()) {
         None => Ok(values),
@@ -109,8 +123,7 @@ pub(crate) fn bounds(input: &Input, axis: &Variable, values: &[f64]) -> Result<O
             return Err(variable.error(problem, &remedy));
         }
         let next = cells.get(index + 1).map_or(end, |next| next.0);
-        // Not a number is no neighbour.
-        if !((next - end).abs() <= slack) {
+        if (next - end).abs() > slack || !next.is_finite() {
             let problem = format!("leave a gap or overlap after {index}: {end} and {next}");
             return Err(variable.error(problem, &remedy));
         }

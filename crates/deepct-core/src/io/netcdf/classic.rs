@@ -289,8 +289,8 @@ impl Header<'_> {
             _ => return None,
         };
         // The dimension of the records has the length 0.
-        let is_record = |(_, length): &&(String, u64)| *length == 0;
-        if own.iter().skip(1).any(|dimension| is_record(&dimension)) {
+        let is_record = |dimension: &(String, u64)| dimension.1 == 0;
+        if own.iter().skip(1).any(|dimension| is_record(dimension)) {
             return None;
         }
         let lengths: Option<_> =
@@ -302,7 +302,7 @@ impl Header<'_> {
             attributes,
             code,
             begin,
-            records: own.first().is_some_and(|dimension| is_record(&dimension)),
+            records: own.first().is_some_and(|dimension| is_record(dimension)),
         };
         Some((name, variable))
     }

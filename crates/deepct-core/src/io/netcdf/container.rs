@@ -177,7 +177,9 @@ impl Stored<'_> {
     /// As [`Stored::read`].
     pub(super) fn read_boolean(&self) -> std::result::Result<ArrayD<bool>, (String, String)> {
         match self {
-            Self::Hdf5(dataset) => dataset.read_dyn().map_err(|error| hdf5_file::failure(&error)),
+            Self::Hdf5(dataset) => {
+                dataset.read_dyn().map_err(|error| hdf5_file::failure(dataset, &error))
+            }
             Self::Classic(..) => Err(("has no Boolean values".into(), "write 0 and 1".into())),
         }
     }

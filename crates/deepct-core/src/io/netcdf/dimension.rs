@@ -4,7 +4,8 @@
 
 #![allow(unsafe_code)]
 
-use hdf5::Dataset;
+use hdf5::types::VarLenArray;
+use hdf5::{Attribute, Dataset, LocationToken, ObjectReference1, ReferencedObject};
 use hdf5_sys::h5::herr_t;
 use hdf5_sys::h5i::hid_t;
 use hdf5_sys::h5t::{H5T_class_t, H5Tclose, H5Tget_class, H5Tget_nmembers, H5Tget_super};
@@ -50,20 +51,44 @@ fn has_lists(dataset: &Dataset, scale: &Dataset) -> bool {
     else {
         return false;
     };
-    let (Ok(of_list), Ok(of_back)) = (list.dtype(), back.dtype()) else { return false };
-    // SAFETY: the identifiers of the types are open while the types are borrowed, the super type is
-    // closed after its last use, and the lock excludes other threads.
-    let are_expected = hdf5::sync::sync(|| unsafe {
-        let class = H5Tget_class(of_list.id());
-        let element = if class == H5T_class_t::H5T_VLEN { H5Tget_super(of_list.id()) } else { -1 };
+    let Ok(of_back) = back.dtype() else { return false };
+    // SAFETY: the identifier of the type is open while the type is borrowed, and the lock excludes
+    // other threads.
+    let has_records = hdf5::sync::sync(|| unsafe {
+        H5Tget_class(of_back.id()) == H5T_class_t::H5T_COMPOUND
+            && H5Tget_nmembers(of_back.id()) == 2
+    });
+    has_records && has_references(dataset, &list)
+}
+
+/// Whether the attribute `list` of a dataset holds a list of references for each axis.
+fn has_references(dataset: &Dataset, list: &Attribute) -> bool {
+    let Ok(kind) = list.dtype() else { return false };
+    // SAFETY: the identifier of the type is open while the type is borrowed, the super type is closed
+    // after its last use, and the lock excludes other threads.
+    let refers = hdf5::sync::sync(|| unsafe {
+        let class = H5Tget_class(kind.id());
+        let element = if class == H5T_class_t::H5T_VLEN { H5Tget_super(kind.id()) } else { -1 };
         let refers = element >= 0 && H5Tget_class(element) == H5T_class_t::H5T_REFERENCE;
         if element >= 0 {
             H5Tclose(element);
         }
-        let records = H5Tget_class(of_back.id()) == H5T_class_t::H5T_COMPOUND;
-        refers && records && H5Tget_nmembers(of_back.id()) == 2
+        refers
     });
-    are_expected && list.shape() == [dataset.ndim()]
+    refers && list.shape() == [dataset.ndim()]
+}
+
+/// The first object in the list of scales of each axis, where the library cannot tell which scale is
+/// attached: the list of references of a scale is damaged if a dataset has been deleted.
+pub(super) fn first_scales(dataset: &Dataset) -> Vec<Option<LocationToken>> {
+    let list = dataset.attr("DIMENSION_LIST").ok().filter(|list| has_references(dataset, list));
+    let lists = list.and_then(|list| list.read_raw::<VarLenArray<ObjectReference1>>().ok());
+    let first =
+        |list: &VarLenArray<ObjectReference1>| match dataset.dereference(list.first()?).ok()? {
+            ReferencedObject::Dataset(scale) => scale.loc_info().ok().map(|info| info.token),
+            _ => None,
+        };
+    lists.unwrap_or_default().iter().map(first).collect()
 }
 
 /// Whether `dataset` is the scale of a dimension.

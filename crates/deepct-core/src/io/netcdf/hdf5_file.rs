@@ -4,6 +4,7 @@ use super::container::{Attribute, Kind, Real};
 use super::guard;
 use super::{dimension, reason};
 use crate::error::{Error, Result};
+use hdf5::filters::Filter;
 use hdf5::types::{FixedAscii, FixedUnicode, TypeDescriptor, VarLenAscii, VarLenUnicode};
 use hdf5::{Dataset, Group, Hyperslab, LinkInfo, LinkType, Location, LocationToken, SliceOrIndex};
 use ndarray::ArrayD;
@@ -24,6 +25,8 @@ const MOST_GROUPS: usize = 10_000;
 /// The prefix that the netCDF library gives to a variable that has the name of a dimension and is not
 /// its coordinate.
 const NOT_A_COORDINATE: &str = "_nc4_non_coord_";
+/// The number of the filter szip.
+const SZIP: i32 = 4;
 /// The name of the scale of a dimension without coordinates.
 const NO_COORDINATES: &str = "This is a netCDF dimension but not a netCDF variable";
 
@@ -143,6 +146,14 @@ impl Hdf5 {
         };
         let mut names: Vec<_> =
             (0..axes).map(|axis| attached(axis).map(|(name, _)| name.clone())).collect();
+        if names.iter().any(Option::is_none) {
+            for (name, token) in names.iter_mut().zip(dimension::first_scales(dataset)) {
+                let is_it = |scale: &Dataset| scale.loc_info().ok().map(|own| own.token) == token;
+                let mut scales = self.scales.iter();
+                let found = scales.find(|(_, scale)| token.is_some() && is_it(scale));
+                *name = name.take().or_else(|| found.map(|(name, _)| name.clone()));
+            }
+        }
         // The netCDF library numbers its dimensions, also where no scale can be attached.
         if let Some(Attribute::Numbers(ids, _)) = attribute(dataset, "_Netcdf4Coordinates") {
             let with_id = |id: f64| {
@@ -196,7 +207,7 @@ fn cannot_open(path: &Path, reason: &str) -> Error {
         if offset > 0 { format!(" after a block of {offset} bytes") } else { String::new() };
     unusable(
         &format!("is truncated or damaged{block}"),
-        "copy it again from its source, or write it again",
+        "copy it again from its source, or write it again if its writer was stopped",
     )
 }
 
@@ -286,7 +297,7 @@ pub(super) fn read<T: Real>(
     ranges: &[Range<usize>],
 ) -> std::result::Result<ArrayD<T>, (String, String)> {
     if ranges.is_empty() {
-        return dataset.read_dyn().map_err(|error| failure(&error));
+        return dataset.read_dyn().map_err(|error| failure(dataset, &error));
     }
     let slab: Vec<_> = ranges
         .iter()
@@ -299,20 +310,49 @@ pub(super) fn read<T: Real>(
         .collect();
     dataset
         .read_slice::<T, _, ndarray::IxDyn>(Hyperslab::from(slab))
-        .map_err(|error| failure(&error))
+        .map_err(|error| failure(dataset, &error))
 }
 
 /// The problem of values that cannot be read, and its remedy.
-pub(super) fn failure(error: &hdf5::Error) -> (String, String) {
+pub(super) fn failure(dataset: &Dataset, error: &hdf5::Error) -> (String, String) {
     let text = error.to_string();
-    let problem = format!("cannot be read: {}", reason(&text));
-    let remedy = if text.contains("szip") {
-        "rewrite it without szip: `h5repack -f GZIP=4 IN OUT`"
-    } else if text.contains("filter") && text.contains("not registered") {
-        "install the filters with `pip install hdf5plugin` and set HDF5_PLUGIN_PATH to the folder \
-         `hdf5plugin.PLUGIN_PATH`, or rewrite it with deflate: `nccopy -d 4 -F none IN OUT`"
-    } else {
-        "the file is truncated or damaged; copy it again or write it again"
-    };
-    (problem, remedy.into())
+    let filters = dataset.filters();
+    let installed = |filter: &Filter| filter.is_available();
+    match filters.iter().find(|filter| !installed(filter)) {
+        None => (
+            format!("cannot be read: {}", reason(&text)),
+            "the file is truncated or damaged; copy it again or write it again".into(),
+        ),
+        Some(filter) => (
+            format!("is compressed with {}, which is not installed", filter_name(filter.id())),
+            match filter.id() {
+                SZIP => "rewrite it with deflate: `h5repack -f GZIP=4 IN OUT`".into(),
+                _ => "run `pip install hdf5plugin` and set HDF5_PLUGIN_PATH to the folder that \
+                      `python -c \"import hdf5plugin; print(hdf5plugin.PLUGIN_PATH)\"` prints, or \
+                      rewrite it with deflate: `nccopy -F none -d 4 IN OUT`"
+                    .into(),
+            },
+        ),
+    }
+}
+
+/// The name of a filter by its registered number.
+fn filter_name(id: i32) -> String {
+    const NAMES: [(i32, &str); 13] = [
+        (SZIP, "szip"),
+        (307, "bzip2"),
+        (32000, "lzf"),
+        (32001, "blosc"),
+        (32004, "lz4"),
+        (32008, "bitshuffle"),
+        (32013, "zfp"),
+        (32015, "zstd"),
+        (32016, "sz"),
+        (32017, "sz"),
+        (32022, "bitgroom"),
+        (32024, "sz3"),
+        (32026, "blosc2"),
+    ];
+    let known = NAMES.iter().find(|(known, _)| *known == id);
+    known.map_or_else(|| format!("filter {id}"), |(_, name)| (*name).to_owned())
 }

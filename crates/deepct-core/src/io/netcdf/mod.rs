@@ -14,9 +14,10 @@ mod read;
 mod reconstruction;
 mod reference;
 mod sample;
+mod sources;
 mod write;
 
-pub(crate) use axis::{bounds, coordinates, edge_and_spacing, first_and_spacing};
+pub(crate) use axis::{bounds, coordinates, coordinates_at, edge_and_spacing, first_and_spacing};
 pub use field::{
     read_cloud, read_estimate, read_grid, read_implausible_cloud, read_mask, read_volume,
     write_cloud, write_estimate, write_mask, write_volume,
