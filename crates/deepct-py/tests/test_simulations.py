@@ -207,6 +207,16 @@ def test_levels_below_the_ground_are_left_out(tmp_path, load, refused):
     assert "below altitude 0" in refused(simple(tmp_path / "relative.nc", z=z - 80.0))
 
 
+def test_water_beside_the_grid_is_mentioned(tmp_path, load):
+    path = simple(tmp_path / "cut.nc")
+    assert "left out" not in load(path).printed
+    cut = load(path, "--base", 0.54, "--levels", 2)
+    assert "left out: liquid water below the grid, under 0.540 km" in cut.printed
+    assert "left out: liquid water above the grid, over 0.620 km" in cut.printed
+    assert "water below the grid, under 3.000 km" in load(path, "--base", 3, "--levels", 4).printed
+    assert "none in the part" in load(simple(tmp_path / "clear.nc", 0.0 * WATER)).printed
+
+
 # Models
 
 
@@ -611,7 +621,7 @@ def test_a_simulation_without_times(tmp_path, refused):
 
 
 @pytest.mark.parametrize(
-    "name, words", [("a.zarr", "Zarr"), ("a.bp", "ADIOS2"), ("folder", "is a folder; give")]
+    "name, words", [("a.zarr", "Zarr"), ("a.bp", "ADIOS2"), ("folder", "is a folder; give a regular file")]
 )
 def test_folders(tmp_path, refused, name, words):
     (tmp_path / name).mkdir()

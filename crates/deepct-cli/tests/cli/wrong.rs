@@ -244,7 +244,7 @@ const WRONG: &[(&str, &str)] = &[
     ("cloud import t_idx.txt --out o.nc", "t_idx.txt: line 4: does not start with indices below 2, 2, 2"),
     ("cloud import t_nan.txt --out o.nc", "t_nan.txt: line 4: lacks a number, or contains a negative one;"),
     ("cloud import t_neg.txt --out o.nc", "t_neg.txt: line 4: lacks a number, or contains a negative one;"),
-    ("cloud import t_dup.txt --out o.nc", "t_dup.txt: line 5: repeats the voxel of line 4; give a pySHDOM"),
+    ("cloud import t_dup.txt --out o.nc", "t_dup.txt: line 5: repeats the voxel of line 4; give a text"),
     ("cloud import t_bomb.txt --out o.nc", "t_bomb.txt: line 2: declares 99999 x 99999 x 2 voxels; give a"),
     ("cloud import t_z.txt --out o.nc", "t_z.txt: line 3: has 2 altitudes, not nz = 3; give"),
     ("cloud import t_rad.txt --out o.nc", "t_rad.txt: effective radius: is 900 um at voxel [z 0, y 0, x"),

@@ -22,6 +22,8 @@ const FIRST_BIN: f64 = 2.0;
 /// Negative liquid water contents of up to this magnitude (g/m3) result from advection and packing
 /// and are set to zero.
 const UNDERSHOOT: f32 = 1e-3;
+/// Liquid water contents below this (g/m3) are not mentioned if they are cut off.
+const TRACE: f32 = 1e-3;
 /// Represents liquid water that the file declares as missing.
 const MISSING: f32 = f32::MIN;
 /// Largest mixing ratio (g/kg) of clouds: larger ones are not in the unit that is assumed.
@@ -144,6 +146,7 @@ impl<'a> Simulation<'a> {
             Field::Water(name) => {
                 let mut content = self.concentration(&self.input.variable(name)?)?;
                 self.checks.traces(name, &content)?;
+                self.note_what_is_cut(&content, edges[0], &grid);
                 let Some(effective_radius) = self.effective_radius(&mut content)? else {
                     let content = resample(&content, edges, &grid)?;
                     let number = self.settings.droplets_per_cm3.unwrap_or(DROPLETS_PER_CM3);
@@ -163,6 +166,29 @@ impl<'a> Simulation<'a> {
         };
         self.checks.droplets(&droplets)?;
         resample_droplets(&droplets, edges, &grid)
+    }
+
+    /// Note that no water was read, or that there is some in the levels next to the grid.
+    fn note_what_is_cut(&mut self, content: &Array3<f32>, z_edges: &[f64], grid: &Grid) {
+        if content.iter().all(|water| *water == 0.0) {
+            self.checks.note("liquid water: none in the part that was read");
+            return;
+        }
+        let wet: Vec<_> = content
+            .outer_iter()
+            .zip(z_edges.windows(2))
+            .filter(|(level, _)| level.iter().any(|water| *water > TRACE))
+            .map(|(_, faces)| (faces[0], faces[1]))
+            .collect();
+        let [bottom, top] = [grid.lower().z, grid.upper().z];
+        let slack = 1e-3 * grid.spacing.z;
+        if wet.iter().any(|(low, _)| *low < bottom - slack) {
+            self.checks
+                .note(format!("left out: liquid water below the grid, under {bottom:.3} km"));
+        }
+        if wet.iter().any(|(_, high)| *high > top + slack) {
+            self.checks.note(format!("left out: liquid water above the grid, over {top:.3} km"));
+        }
     }
 
     /// Returns an error if there is liquid water in more than one level below the ground; a single one

@@ -181,7 +181,7 @@ fn folder(path: &Path) -> (&'static str, &'static str) {
             "read it with the Python module adios2 and write netCDF, or let the model write it";
         return ("is a folder in the format ADIOS2 BP, which is not read", remedy);
     }
-    ("is a folder", "give a file in it")
+    ("is a folder", "give a regular file")
 }
 
 impl Crop {
