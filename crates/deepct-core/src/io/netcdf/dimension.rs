@@ -15,7 +15,6 @@ unsafe extern "C" {
     fn H5DSset_scale(scale: hid_t, name: *const c_char) -> herr_t;
     fn H5DSattach_scale(dataset: hid_t, scale: hid_t, axis: c_uint) -> herr_t;
     fn H5DSis_attached(dataset: hid_t, scale: hid_t, axis: c_uint) -> herr_t;
-    fn H5DSis_scale(dataset: hid_t) -> herr_t;
 }
 
 /// Make `scale` the scale of the dimension `name`. Returns whether this succeeded.
@@ -89,11 +88,4 @@ pub(super) fn first_scales(dataset: &Dataset) -> Vec<Option<LocationToken>> {
             _ => None,
         };
     lists.unwrap_or_default().iter().map(first).collect()
-}
-
-/// Whether `dataset` is the scale of a dimension.
-pub(super) fn is_scale(dataset: &Dataset) -> bool {
-    // SAFETY: the identifier is open while `dataset` is borrowed, and the lock excludes other
-    // threads.
-    hdf5::sync::sync(|| unsafe { H5DSis_scale(dataset.id()) > 0 })
 }

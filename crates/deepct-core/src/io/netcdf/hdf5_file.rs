@@ -94,7 +94,9 @@ impl Hdf5 {
     }
 
     fn add(&mut self, prefix: &str, name: &str, dataset: Dataset) {
-        let is_scale = dimension::is_scale(&dataset);
+        // The library's own test frees memory twice if the attribute is damaged.
+        let class = text_attribute(&dataset, "CLASS");
+        let is_scale = class.is_some_and(|class| class == "DIMENSION_SCALE");
         if is_scale {
             self.scales.push((format!("{prefix}{name}"), dataset.clone()));
         }
@@ -125,12 +127,17 @@ impl Hdf5 {
 
     fn newer(&self, name: &str) -> Error {
         let reason = self.file.dataset(name).map_err(|error| error.to_string()).err();
-        let problem = match reason.unwrap_or_default() {
-            text if text.contains("version") => "is written in a newer HDF5 format (2.0)",
-            _ => "cannot be opened: it is damaged, or in a newer HDF5 format",
+        let (problem, remedy) = match reason.unwrap_or_default() {
+            text if text.contains("version") => (
+                "is written in a newer HDF5 format (2.0)",
+                "write it again in the format of HDF5 1.14, with libver=(\"earliest\", \"v114\") in \
+                 h5py, or copy it with `nccopy -k nc4`",
+            ),
+            _ => (
+                "cannot be opened: it is damaged, or in a newer HDF5 format",
+                "copy the file again from its source, or write it in the format of HDF5 1.14",
+            ),
         };
-        let remedy = "write it again in the format of HDF5 1.14, with libver=(\"earliest\", \"v114\") in \
-                      h5py, or copy it with `nccopy -k nc4`";
         Error::file(&self.path, name, problem, remedy)
     }
 

@@ -93,6 +93,7 @@ impl Input {
     /// # Errors
     /// Returns an error if the file has no variable with this name, or if it cannot be opened.
     pub(crate) fn variable(&self, name: &str) -> Result<Variable<'_>> {
+        let _reading = Reading::start(&self.path, 0.0);
         let Some(stored) = self.container.variable(name)? else {
             return Err(self.unreadable().unwrap_or_else(|| {
                 let names = self.names().join(", ");
