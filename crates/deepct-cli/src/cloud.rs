@@ -5,9 +5,10 @@ use crate::defaults;
 use crate::global::Global;
 use crate::outcome::Outcome;
 use deepct_core::cloud::{
-    Cloud, CumulusSettings, FieldSettings, IsolateSettings, cumulus, field, isolate,
+    Cloud, CumulusSettings, FieldSettings, IsolateSettings, LeftOut, cumulus, field,
+    isolate_and_count,
 };
-use deepct_core::io::import::{Crop, ImportSettings, import_cloud};
+use deepct_core::io::import::{AirDensity, Crop, ImportSettings, import_cloud};
 use deepct_core::io::{Provenance, write_cloud};
 use deepct_core::math::DVec3;
 use deepct_core::optics::extinction;
@@ -49,11 +50,12 @@ enum Kind {
     Field,
 }
 
-/// Import a large-eddy simulation (netCDF-4) or a pySHDOM or AT3D text file
+/// Import a large-eddy simulation (netCDF) or a text file of pySHDOM, AT3D or SHDOM
 ///
-/// Liquid water and axes are identified by CF conventions or by customary names. The field is
-/// resampled onto the requested grid: conservatively onto coarser voxels, by linear interpolation
-/// onto finer ones.
+/// Liquid water and axes are identified by CF conventions or by customary names; the command prints
+/// from which variable it took each quantity, and what it assumed. The field is resampled onto the
+/// requested grid: conservatively onto coarser voxels and from stretched levels, by linear
+/// interpolation onto finer voxels.
 #[derive(Debug, clap::Args)]
 struct ImportArgs {
     /// File to read
@@ -69,9 +71,11 @@ struct ImportArgs {
     /// the radii of the file are used, or 100 if it has none
     #[arg(long, value_name = "PER_CM3")]
     droplets: Option<f64>,
-    /// Air density (kg/m3), for a mixing ratio in a file without an air density
-    #[arg(long, value_name = "KG_PER_M3")]
-    air_density: Option<f64>,
+    /// Air density, for a mixing ratio: a number (kg/m3), or a profile in a file, such as
+    /// "profiles.001.nc:rhobf" or "default.nc:default/rhoref"; by default that of the file, from its
+    /// pressure and temperature, or that of the standard atmosphere
+    #[arg(long, value_name = "KG_PER_M3|FILE:VARIABLE", value_parser = str::parse::<AirDensity>)]
+    air_density: Option<AirDensity>,
     /// Name of the liquid water variable, if it is not identified automatically
     #[arg(long, value_name = "NAME")]
     variable: Option<String>,
@@ -101,6 +105,10 @@ struct ImportArgs {
     #[arg(long, value_name = "G_PER_M2", requires = "isolate",
           default_value_t = IsolateSettings::default().water_path)]
     min_water_path: f32,
+    /// Omit isolated clouds of fewer columns than this
+    #[arg(long, value_name = "COLUMNS", requires = "isolate",
+          default_value_t = IsolateSettings::default().columns)]
+    min_columns: usize,
     /// File to write; with --isolate, the folder to write to
     #[arg(long, value_name = "C.nc|DIR")]
     out: PathBuf,
@@ -141,7 +149,7 @@ fn import(args: &ImportArgs, global: &Global) -> Result<Outcome> {
         time: args.time,
         crop: args.crop,
         droplets_per_cm3: args.droplets,
-        air_density: args.air_density,
+        air_density: args.air_density.clone(),
         variable: args.variable.clone(),
         spacing: args.spacing.0,
         base: args.base,
@@ -149,9 +157,14 @@ fn import(args: &ImportArgs, global: &Global) -> Result<Outcome> {
         units: args.units.iter().cloned().collect(),
         allow_implausible: args.allow_implausible,
     };
-    let (cloud, warnings) = import_cloud(&args.file, &settings)?;
-    for warning in warnings {
+    let (cloud, report) = import_cloud(&args.file, &settings)?;
+    for warning in report.warnings {
         note!("deepct: warning: {warning}");
+    }
+    if !global.quiet {
+        for taken in report.taken {
+            say!("{taken}");
+        }
     }
     let provenance = Provenance {
         title: "Cloud imported from another file".into(),
@@ -172,8 +185,10 @@ fn write_isolated(
     global: &Global,
 ) -> Result<Outcome> {
     let water_path = args.min_water_path;
-    let settings = IsolateSettings { side, water_path, ..IsolateSettings::default() };
-    let clouds = isolate(cloud, &settings).map_err(Error::in_file(&args.file))?;
+    let columns = args.min_columns;
+    let settings = IsolateSettings { side, water_path, columns, ..IsolateSettings::default() };
+    let (clouds, left_out) =
+        isolate_and_count(cloud, &settings).map_err(Error::in_file(&args.file))?;
     std::fs::create_dir_all(&args.out).map_err(Error::io(&args.out))?;
     for (number, isolated) in clouds.iter().enumerate() {
         let path = args.out.join(format!("cloud_{:04}_{number:03}.nc", args.time));
@@ -190,8 +205,25 @@ fn write_isolated(
     }
     if !global.quiet {
         say!("{} clouds in {}", clouds.len(), args.out.display());
+        say_left_out(&left_out, &settings);
     }
     Ok(Outcome::Success)
+}
+
+/// Print how many clouds were left out, and why.
+fn say_left_out(left_out: &LeftOut, settings: &IsolateSettings) {
+    let LeftOut { small, thin, large } = *left_out;
+    let IsolateSettings { side, margin, columns, water_path, .. } = *settings;
+    let reasons = [
+        (small, format!("of fewer than {columns} columns (--min-columns)")),
+        (thin, format!("of less than {water_path} g/m2 (--min-water-path)")),
+        (large, format!("wider than {} columns (--isolate)", side.saturating_sub(2 * margin))),
+    ];
+    let given = reasons.iter().filter(|(count, _)| *count > 0);
+    let texts: Vec<_> = given.map(|(count, reason)| format!("{count} {reason}")).collect();
+    if !texts.is_empty() {
+        say!("{} left out: {}", small + thin + large, texts.join(", "));
+    }
 }
 
 fn write(path: &Path, cloud: &Cloud, provenance: &Provenance, global: &Global) -> Result<Outcome> {
@@ -225,7 +257,7 @@ struct Resolved<'a> {
     #[serde(skip_serializing_if = "Option::is_none")]
     droplets_per_cm3: Option<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
-    air_density: Option<f64>,
+    air_density: Option<String>,
     #[serde(skip_serializing_if = "Option::is_none")]
     variable: Option<&'a str>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -246,7 +278,7 @@ impl<'a> Resolved<'a> {
             time: args.time,
             crop: args.crop.map(|crop| [crop.x0, crop.y0, crop.nx, crop.ny]),
             droplets_per_cm3: args.droplets,
-            air_density: args.air_density,
+            air_density: args.air_density.as_ref().map(AirDensity::to_string),
             variable: args.variable.as_deref(),
             isolate: args.isolate,
             allow_implausible: args.allow_implausible,

@@ -14,14 +14,17 @@ Read and written (HDF5 files that are valid netCDF-4, with CF attributes)
   images   radiance (sr-1) on (view, row, col), with cameras, Sun and wavelength
 
 Read by `cloud import`
-  simulation   netCDF-4 or HDF5 with CF conventions: liquid water on (time, z, y, x) in
-               any order, as mass per volume or as a mixing ratio with the density of air,
-               or droplet spectra of WRF's bin microphysics (ff1i01, ff1i02, ...);
+  simulation   netCDF (classic or netCDF-4) or HDF5: liquid water on (time, z, y, x) in any
+               order, as mass per volume or as a mixing ratio with the density of air, or
+               droplet spectra of WRF's bin microphysics (ff1i01, ff1i02, ...), or extinction;
                variables may be packed, big-endian or chunked, levels may be stretched;
                values are converted from their units, and --units states missing ones
   pySHDOM      text: a comment; nx ny nz; dx dy z0 z1 ...; rows i j k lwc reff [veff]
   AT3D         text: a comment; nx,ny,nz; dx,dy; z0,z1,...; names of columns, among
                them x,y,z (or i,j,k), lwc, reff and veff; rows
+  SHDOM        text: the title `2 parameter LWC file`; nx ny nz; dx dy; nz altitudes of
+               levels, or nz+1 of their faces; as many temperatures; rows i j k lwc reff
+               with indices from 1
 
 Read by other verbs
   grid      TOML: origin_km, spacing_km (x, y, z), shape (nz, ny, nx); or any field above

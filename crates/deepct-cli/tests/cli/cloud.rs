@@ -109,7 +109,8 @@ fn isolated_clouds_are_written_one_by_one() {
     let program = Program::new();
     program.succeed("cloud generate --kind field --seed 5 --out field.nc --quiet");
     let printed = program.succeed("cloud import field.nc --isolate 32 --out clouds");
-    let count: usize = printed.split_whitespace().next().unwrap().parse().unwrap();
+    let line = printed.lines().find(|line| line.contains(" clouds in ")).unwrap();
+    let count: usize = line.split_whitespace().next().unwrap().parse().unwrap();
     assert!(count >= 3, "{printed}");
     let files = std::fs::read_dir(program.path("clouds")).unwrap();
     let clouds: Vec<_> = files.map(|file| read_cloud(file.unwrap().path()).unwrap()).collect();

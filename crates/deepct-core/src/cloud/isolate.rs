@@ -48,6 +48,17 @@ pub struct Piece {
     pub water_path: f32,
 }
 
+/// The numbers of clouds of a field that [`isolate`] leaves out.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct LeftOut {
+    /// Those of fewer columns than [`IsolateSettings::columns`].
+    pub small: usize,
+    /// Those whose liquid water path is below [`IsolateSettings::water_path`].
+    pub thin: usize,
+    /// Those that do not fit into the square.
+    pub large: usize,
+}
+
 /// Statistics of the columns of a field, by row and column.
 pub(super) struct Overview {
     /// Largest liquid water content of a voxel in the column (g/m3).
@@ -84,6 +95,17 @@ impl Overview {
 /// Returns an error if the field has no droplets, or if the side leaves no room between the
 /// margins or exceeds the field.
 pub fn isolate(field: &Cloud, settings: &IsolateSettings) -> Result<Vec<Piece>> {
+    isolate_and_count(field, settings).map(|(pieces, _)| pieces)
+}
+
+/// As [`isolate`]; also returns how many clouds are left out, and why.
+///
+/// # Errors
+/// As [`isolate`].
+pub fn isolate_and_count(
+    field: &Cloud,
+    settings: &IsolateSettings,
+) -> Result<(Vec<Piece>, LeftOut)> {
     let overview = Overview::of(field)?;
     let [_, rows, cols] = field.grid.shape;
     let fits = settings.side > 2 * settings.margin && settings.side <= rows.min(cols);
@@ -96,7 +118,7 @@ pub fn isolate(field: &Cloud, settings: &IsolateSettings) -> Result<Vec<Piece>> 
     }
     let highest = &overview.highest;
     let mut taken = Array2::from_elem((rows, cols), false);
-    let mut isolated = Vec::new();
+    let (mut isolated, mut left_out) = (Vec::new(), LeftOut::default());
     for start in ndarray::indices((rows, cols)) {
         if taken[start] || highest[start] <= settings.threshold {
             continue;
@@ -104,15 +126,18 @@ pub fn isolate(field: &Cloud, settings: &IsolateSettings) -> Result<Vec<Piece>> 
         let patch = flood(start, &mut taken, |at| highest[at] > settings.threshold);
         let path = |at: &[i64; 2]| overview.path[overview.wrap(*at)];
         let water_path = patch.iter().map(path).fold(0.0, f32::max);
-        if patch.len() < settings.columns || water_path < settings.water_path {
-            continue;
-        }
-        if let Some(corner) = corner(&patch, settings) {
+        if patch.len() < settings.columns {
+            left_out.small += 1;
+        } else if water_path < settings.water_path {
+            left_out.thin += 1;
+        } else if let Some(corner) = corner(&patch, settings) {
             let cloud = cut(field, &overview, &patch, corner, settings.side)?;
             isolated.push(Piece { cloud, corner, columns: patch.len(), water_path });
+        } else {
+            left_out.large += 1;
         }
     }
-    Ok(isolated)
+    Ok((isolated, left_out))
 }
 
 /// The cloudy columns connected to `start`, in unwrapped coordinates. A patch that connects to
@@ -228,6 +253,17 @@ mod tests {
         let clouds = isolate(&field(&[(5, 5), (6, 6)]), &settings(8)).unwrap();
         assert_eq!(clouds.len(), 2);
         assert_eq!((water(&clouds[0]).sum(), water(&clouds[1]).sum()), (1.0, 2.0));
+    }
+
+    #[test]
+    fn clouds_that_are_left_out_are_counted() {
+        let mut columns = vec![(7, 2), (10, 2), (10, 3), (13, 2), (13, 3), (13, 4)];
+        columns.extend((0..9).map(|col| (3, col)));
+        // 1, 2, 3 and 9 columns; the water grows by 40 g/m2 from column to column.
+        let criteria = IsolateSettings { columns: 2, water_path: 200.0, ..settings(8) };
+        let (clouds, left_out) = isolate_and_count(&field(&columns), &criteria).unwrap();
+        assert_eq!(clouds.len(), 1);
+        assert_eq!(left_out, LeftOut { small: 1, thin: 1, large: 1 });
     }
 
     #[test]

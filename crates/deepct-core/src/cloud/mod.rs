@@ -13,7 +13,7 @@ mod turbulence;
 
 pub use droplets::{LARGEST_RADIUS, effective_radius};
 pub use generate::{CumulusSettings, FieldSettings, adiabatic_liquid_water, cumulus, field};
-pub use isolate::{IsolateSettings, Piece, isolate};
+pub use isolate::{IsolateSettings, LeftOut, Piece, isolate, isolate_and_count};
 pub use spectrum::{LARGEST_VARIANCE, Spectrum, doubling_radii};
 pub use tile::tile;
 

@@ -181,9 +181,9 @@ fn field(settings: &DatasetSettings, simulation: &Path, snapshot: usize) -> Resu
         levels: Some(settings.levels.count),
         ..ImportSettings::default()
     };
-    let (cloud, warnings) = import_cloud(simulation, &import)?;
+    let (cloud, report) = import_cloud(simulation, &import)?;
     // Nobody sees the warnings of a long run, and its samples are used without another look.
-    match warnings.into_iter().next() {
+    match report.warnings.into_iter().next() {
         None => Ok(cloud),
         Some(warning) => Err(Error::mismatch(
             "simulation of a data set",

@@ -28,25 +28,36 @@ const LARGEST_VARIANCE: f32 = 1.0;
 /// Larger numbers are codes of missing values.
 const CODE: f32 = 1e15;
 
-/// The checks of the values of one file, and the warnings about them.
+/// The checks of the values of one file, and what has to be said about them.
 pub(crate) struct Checks<'a> {
     path: &'a Path,
     /// Whether an implausible value is a warning instead of an error.
     allow: bool,
     warnings: Vec<String>,
+    /// Where each quantity was found, and what was assumed.
+    notes: Vec<String>,
 }
 
 impl<'a> Checks<'a> {
     pub(crate) fn new(path: &'a Path, allow: bool) -> Self {
-        Self { path, allow, warnings: Vec::new() }
+        Self { path, allow, warnings: Vec::new(), notes: Vec::new() }
     }
 
     pub(crate) fn warn(&mut self, warning: impl Into<String>) {
         self.warnings.push(format!("{}: {}", self.path.display(), warning.into()));
     }
 
+    pub(crate) fn note(&mut self, note: impl Into<String>) {
+        self.notes.push(note.into());
+    }
+
     pub(crate) fn into_warnings(self) -> Vec<String> {
         self.warnings
+    }
+
+    /// The notes and the warnings.
+    pub(crate) fn into_notes_and_warnings(self) -> (Vec<String>, Vec<String>) {
+        (self.notes, self.warnings)
     }
 
     /// Check the size of the voxels and the altitudes of a grid.

@@ -97,20 +97,18 @@ fn a_mixing_ratio_on_stretched_levels_in_another_order_of_axes() {
     }
     assert_eq!(cloud.grid.shape, [8, 2, 3]);
     assert!(cloud.grid.origin.length() < 1e-12);
-    // Columns of 25 m become columns of 50 m by averaging four of them. Levels of 40 m are finer
-    // than the highest levels of the file, where the liquid water is interpolated between level
-    // centres; the mass-weighted sum over a column with constant liquid water is preserved. The
-    // lowest two new levels can be checked by hand.
+    // Columns of 25 m become columns of 50 m by averaging four of them. The second new level lies
+    // within the second level of the file, and the column keeps its water.
     let four = |k: usize, j: usize, i: usize| {
         fine.slice(s![k, 2 * j..2 * j + 2, 2 * i..2 * i + 2]).sum() / 4.0
     };
     for (j, i) in [(0, 0), (1, 2)] {
         let found = content(&cloud);
         assert!((found[[0, j, i]] - four(0, j, i)).abs() < 1e-5);
-        let upper = 0.5 * (edges[1] + edges[2]);
-        let share = (0.06 - 0.02) / (upper - 0.02);
-        let expected = (1.0 - share as f32) * four(0, j, i) + share as f32 * four(1, j, i);
-        assert!((found[[1, j, i]] - expected).abs() < 1e-5);
+        assert!((found[[1, j, i]] - four(1, j, i)).abs() < 1e-5);
+        let path: f64 = (0..5).map(|k| f64::from(four(k, j, i)) * (edges[k + 1] - edges[k])).sum();
+        let kept = 0.04 * f64::from(found.slice(s![.., j, i]).sum());
+        assert!((kept - path).abs() < 1e-6, "{kept} {path}");
     }
 }
 
@@ -186,7 +184,7 @@ fn text_that_does_not_fit_is_refused_by_its_line() {
         (String::new(), "line 1"),
         (PYSHDOM.replace("3 2 4", "3 2"), "line 2: does not hold three counts"),
         (PYSHDOM.replace("3 2 4", "3 2 99999999999999"), "line 2: declares"),
-        (PYSHDOM.replace(" 0.62", ""), "line 3: is followed by 3 altitudes"),
+        (PYSHDOM.replace(" 0.62", ""), "line 3: has 3 altitudes"),
         (AT3D.replace("lwc", "water"), "line 5: does not name the columns"),
     ];
     for text in whole() {

@@ -224,7 +224,7 @@ fn files_of_other_formats_are_refused() {
     for (bytes, names) in [
         (&b""[..], "not an HDF5"),
         (b"hello, this is text and no more than text", "not an HDF5"),
-        (b"CDF\x01\0\0\0\0\0\0\0\0", "netCDF-3"),
+        (b"CDF\x01\0\0\0\0\0\0\0\0", "its header cannot be read"),
     ] {
         std::fs::write(&path, bytes).unwrap();
         check_refusal(io::read_volume(&path), &path, names);
@@ -298,7 +298,7 @@ fn wrong_types_are_refused() {
     spoiled(&path, |file| replace(file, "x", Array1::<bool>::default(5).into_dyn()));
     check_refusal(io::read_volume(&path), &path, "real numbers");
     spoiled(&path, |file| file.relink("extinction", "mask").unwrap());
-    check_refusal(io::read_mask(&path), &path, "integers");
+    check_refusal(io::read_mask(&path), &path, "a mask is 1 inside and 0 outside");
 }
 
 #[test]

@@ -7,7 +7,7 @@ use crate::{check_refusal, place};
 use deepct_core::Result;
 use deepct_core::cloud::{Cloud, Microphysics};
 use deepct_core::grid::Volume;
-use deepct_core::io::import::{ImportSettings, import_cloud};
+use deepct_core::io::import::{AirDensity, ImportSettings, import_cloud};
 use deepct_core::io::{self, read_cloud, read_implausible_cloud, read_volume};
 use hdf5::{File, H5Type};
 use ndarray::{Array3, s};
@@ -78,7 +78,7 @@ fn set_numbers<T: H5Type + Clone>(file: &File, name: &str, attribute: &str, valu
 fn import(path: &Path, change: impl FnOnce(&mut ImportSettings)) -> Result<(Cloud, Vec<String>)> {
     let mut settings = ImportSettings { spacing: None, ..ImportSettings::default() };
     change(&mut settings);
-    import_cloud(path, &settings)
+    import_cloud(path, &settings).map(|(cloud, report)| (cloud, report.warnings))
 }
 
 fn droplets(cloud: Cloud) -> Microphysics {
@@ -241,14 +241,14 @@ fn liquid_water_that_is_missing_outside_of_cloud_is_absent() {
     ];
     for (value, declare) in cases {
         edited(&path, |file| {
-            set_value(file, "lwc", [0, 0, 0], value);
+            set_value(file, "lwc", [2, 0, 0], value);
             declare(file);
         });
         let (cloud, warnings) = import(&path, |_| {}).unwrap();
         assert_close(&droplets(cloud).liquid_water_content, &water());
         assert_eq!(warnings.len(), 1, "{value}: {warnings:?}");
         assert!(warnings[0].contains("missing in 1 of 60 voxels"), "{warnings:?}");
-        check_refusal(read_cloud(&path), &path, "[z 0, y 0, x 0]");
+        check_refusal(read_cloud(&path), &path, "[z 2, y 0, x 0]");
     }
 }
 
@@ -287,7 +287,7 @@ fn packed_and_unsigned_integers_are_decoded() {
         let mut stored = cloud.read_dyn::<i16>().unwrap();
         stored.fill(0);
         stored[[0, 3, 3, 3]] = 40_000_u16 as i16;
-        stored[[0, 0, 0, 0]] = -32_767;
+        stored[[0, 5, 0, 0]] = -32_767;
         cloud.write(stored.view()).unwrap();
         set_text(file, "cloud", "_Unsigned", "true");
         set_numbers(file, "cloud", "scale_factor", &[1e-8_f64]);
@@ -295,7 +295,7 @@ fn packed_and_unsigned_integers_are_decoded() {
     let (cloud, warnings) = import(&path, |_| {}).unwrap();
     let found = droplets(cloud).liquid_water_content;
     assert!((found[[3, 3, 3]] - 0.4).abs() < 1e-6, "{}", found[[3, 3, 3]]);
-    assert_eq!(found[[0, 0, 0]], 0.0);
+    assert_eq!(found[[5, 0, 0]], 0.0);
     assert!(warnings.iter().any(|warning| warning.contains("missing in 1 of")), "{warnings:?}");
 }
 
@@ -329,8 +329,13 @@ fn only_a_density_of_air_is_taken_for_one() {
         set_text(file, "extinction", "standard_name", "");
         set_text(file, "extinction", "long_name", "");
     };
+    let constant = |density| {
+        move |settings: &mut ImportSettings| {
+            settings.air_density = Some(AirDensity::Constant(density));
+        }
+    };
     for (name, value, units, standard, words) in [
-        ("density", 1.0, "", "", "its unit is missing (--units density="),
+        ("density", 1.0, "", "", "its unit is missing"),
         ("density", 1.0, "Pa", "", "its unit is \"Pa\""),
         ("rho", 1000.0, "kg m-3", "", "density of air is from 0.1 to 2"),
         ("rho", 1.0, "g m-3", "", "density of air is from 0.1 to 2"),
@@ -348,8 +353,15 @@ fn only_a_density_of_air_is_taken_for_one() {
             }
             file.relink("extinction", name).unwrap();
         });
-        check_refusal(import(&path, |_| {}), &path, words);
-        let (cloud, _) = import(&path, |settings| settings.air_density = Some(1.0)).unwrap();
+        match import(&path, |_| {}) {
+            // That of the standard atmosphere takes its place.
+            Ok((_, warnings)) => assert!(
+                warnings.iter().any(|warning| warning.contains(words)),
+                "{name} {units} {standard}: {warnings:?}"
+            ),
+            refused => check_refusal(refused, &path, words),
+        }
+        let (cloud, _) = import(&path, constant(1.0)).unwrap();
         assert_close(&droplets(cloud).liquid_water_content, &water());
     }
     for (name, value, units, standard) in [
@@ -367,11 +379,7 @@ fn only_a_density_of_air_is_taken_for_one() {
         let (cloud, _) = import(&path, |_| {}).unwrap();
         assert_close(&droplets(cloud).liquid_water_content, &water());
     }
-    check_refusal(
-        import(&path, |settings| settings.air_density = Some(1100.0)),
-        &path,
-        "--air-density: is 1100 kg m-3",
-    );
+    check_refusal(import(&path, constant(1100.0)), &path, "--air-density: is 1100 kg m-3");
 }
 
 #[test]
@@ -382,7 +390,9 @@ fn a_profile_or_a_tendency_is_not_the_liquid_water() {
         set_text(file, "RHO", "standard_name", name);
         file.relink("RHO", "a_profile").unwrap();
     });
-    let with_density = |settings: &mut ImportSettings| settings.air_density = Some(1.0);
+    let with_density = |settings: &mut ImportSettings| {
+        settings.air_density = Some(AirDensity::Constant(1.0));
+    };
     let (cloud, _) = import(&path, with_density).unwrap();
     assert_eq!(cloud.grid.shape, [5, 4, 6]);
     for (other, units) in [("tendency_of_", "kg m-3"), ("", "kg m-3 s-1"), ("", "m-3"), ("", "K")] {
@@ -609,6 +619,7 @@ fn names_of_other_water_are_not_the_liquid_water() {
             }
             set_text(file, "lwc", attribute, text);
             file.relink("lwc", "qc").unwrap();
+            file.unlink("extinction").unwrap();
         });
         check_refusal(import(&path, |_| {}), &path, "no variable is identified");
     }

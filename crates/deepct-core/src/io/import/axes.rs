@@ -13,16 +13,66 @@ pub(super) enum Kind {
     Z,
     Y,
     X,
+    /// Another axis, of length one.
+    Single,
 }
 
-/// The kinds and names of the axes of a variable.
+/// Customary names of dimensions and of the coordinates of cell centres, without the group.
+const CENTRES: [(Kind, &[&str]); 4] = [
+    (Kind::Time, &["t", "time", "times", "record"]),
+    (
+        Kind::Z,
+        &[
+            "z",
+            "zt",
+            "zc",
+            "zh",
+            "zu",
+            "zu_3d",
+            "z_aac",
+            "nk",
+            "height",
+            "altitude",
+            "lev",
+            "level",
+            "bottom_top",
+            "z-grid",
+        ],
+    ),
+    (Kind::Y, &["y", "yt", "yc", "yh", "y_aca", "nj", "south_north", "y-grid"]),
+    (Kind::X, &["x", "xt", "xc", "xh", "x_caa", "ni", "west_east", "x-grid"]),
+];
+/// Those of the faces between cells.
+const FACES: [(Kind, &[&str]); 3] = [
+    (
+        Kind::Z,
+        &[
+            "zm",
+            "zf",
+            "zw",
+            "zw_3d",
+            "zi",
+            "z_aaf",
+            "zhalf",
+            "z_half",
+            "nkp1",
+            "bottom_top_stag",
+            "z-edges",
+        ],
+    ),
+    (Kind::Y, &["ym", "yf", "yv", "y_afa", "njp1", "south_north_stag", "y-edges"]),
+    (Kind::X, &["xm", "xf", "xu", "x_faa", "nip1", "west_east_stag", "x-edges"]),
+];
+
+/// The kinds and names of the axes of a variable, and which of them are read from their end.
 pub(super) struct Layout {
     kinds: Vec<Kind>,
     names: Vec<String>,
+    reversed: Vec<bool>,
 }
 
 /// The part of a file that is read: a time, levels, and columns in up to two pieces along each
-/// horizontal axis.
+/// horizontal axis. Indices count upwards, northwards and eastwards.
 pub(super) struct Window {
     pub(super) time: usize,
     pub(super) levels: Range<usize>,
@@ -32,23 +82,23 @@ pub(super) struct Window {
 
 impl Layout {
     pub(super) fn of(input: &Input, variable: &Variable) -> Result<Self> {
-        let mut layout = Self { kinds: Vec::new(), names: Vec::new() };
-        for axis in 0..variable.shape.len() {
+        let mut layout = Self { kinds: Vec::new(), names: Vec::new(), reversed: Vec::new() };
+        for (axis, &length) in variable.shape.iter().enumerate() {
             let name = variable.dimension(axis).unwrap_or_default().to_owned();
-            let Some(kind) = kind_of(input, &name) else {
-                return Err(variable.error(
-                    format!("has an axis {axis} (\"{name}\") that is not time, z, y or x"),
-                    "give its coordinate variable the attribute `axis`: T, Z, Y or X",
-                ));
+            let kind = match kind_of(input, &name) {
+                Some(kind) => kind,
+                None if length == 1 => Kind::Single,
+                None => {
+                    return Err(variable.error(
+                        format!("has an axis {axis} (\"{name}\") that is not time, z, y or x"),
+                        "give its coordinate variable the attribute `axis`: T, Z, Y or X",
+                    ));
+                }
             };
-            if layout.kinds.contains(&kind) {
-                return Err(variable.error(
-                    format!("has two axes that look like {kind:?}"),
-                    "give their coordinate variables the attribute `axis`: T, Z, Y or X",
-                ));
+            if let (Some(place), true) = (layout.place(kind), kind != Kind::Single) {
+                return Err(two_axes(variable, kind, [&layout.names[place], &name]));
             }
-            layout.kinds.push(kind);
-            layout.names.push(name);
+            layout.push(kind, name, false);
         }
         match [Kind::Z, Kind::Y, Kind::X].iter().find(|kind| !layout.kinds.contains(kind)) {
             None => Ok(layout),
@@ -56,6 +106,12 @@ impl Layout {
                 Err(variable.error(format!("has no axis {kind:?}"), "give a 3D variable"))
             }
         }
+    }
+
+    fn push(&mut self, kind: Kind, name: String, reversed: bool) {
+        self.kinds.push(kind);
+        self.names.push(name);
+        self.reversed.push(reversed);
     }
 
     fn place(&self, kind: Kind) -> Option<usize> {
@@ -67,8 +123,25 @@ impl Layout {
         self.place(kind).map_or("", |place| self.names[place].as_str())
     }
 
+    /// The length of a variable along an axis.
+    pub(super) fn length(&self, variable: &Variable, kind: Kind) -> usize {
+        self.place(kind).map_or(1, |place| variable.shape[place])
+    }
+
+    /// Read an axis from its end.
+    pub(super) fn reverse(&mut self, kind: Kind) {
+        if let Some(place) = self.place(kind) {
+            self.reversed[place] = true;
+        }
+    }
+
+    /// The names of the axes in their order.
+    pub(super) fn text(&self) -> String {
+        self.names.iter().map(|name| leaf(name)).collect::<Vec<_>>().join(", ")
+    }
+
     pub(super) fn check_time(&self, variable: &Variable, time: usize) -> Result<usize> {
-        let times = self.place(Kind::Time).map_or(1, |place| variable.shape[place]);
+        let times = self.length(variable, Kind::Time);
         if time < times {
             return Ok(time);
         }
@@ -85,17 +158,22 @@ impl Layout {
     /// # Errors
     /// Returns an error, with the remedy `or_else`, if the variable has another axis.
     pub(super) fn of_other(&self, variable: &Variable, or_else: &str) -> Result<Self> {
-        let mut layout = Self { kinds: Vec::new(), names: Vec::new() };
-        for axis in 0..variable.shape.len() {
+        let mut layout = Self { kinds: Vec::new(), names: Vec::new(), reversed: Vec::new() };
+        for (axis, &length) in variable.shape.iter().enumerate() {
             let name = variable.dimension(axis).unwrap_or_default();
-            let Some(place) = self.names.iter().position(|known| known == name) else {
-                let names = self.names.join(", ");
-                let problem =
-                    format!("has the axis \"{name}\", but the liquid water has ({names})");
-                return Err(variable.error(problem, or_else));
-            };
-            layout.kinds.push(self.kinds[place]);
-            layout.names.push(name.to_owned());
+            let named = |known: &String| known == name && !name.is_empty();
+            match self.names.iter().position(named) {
+                Some(place) => {
+                    layout.push(self.kinds[place], name.to_owned(), self.reversed[place]);
+                }
+                None if length == 1 => layout.push(Kind::Single, name.to_owned(), false),
+                None => {
+                    let names = self.names.join(", ");
+                    let problem =
+                        format!("has the axis \"{name}\", but the liquid water has ({names})");
+                    return Err(variable.error(problem, or_else));
+                }
+            }
         }
         Ok(layout)
     }
@@ -124,8 +202,8 @@ impl Layout {
         for rows in &rows {
             let mut col = 0;
             for cols in &cols {
-                let ranges =
-                    [window.time..window.time + 1, levels.clone(), rows.clone(), cols.clone()];
+                let time = window.time..window.time + 1;
+                let ranges = [time, levels.clone(), rows.clone(), cols.clone(), 0..1];
                 let piece = self.read_piece(variable, &ranges, factor, missing)?;
                 let mut place = values.slice_axis_mut(Axis(1), Slice::from(row..row + rows.len()));
                 place.slice_axis_mut(Axis(2), Slice::from(col..col + cols.len())).assign(&piece);
@@ -136,20 +214,33 @@ impl Layout {
         Ok(values)
     }
 
-    /// The values in the ranges along time, z, y and x.
+    /// The values in the ranges along time, z, y, x and another axis.
     fn read_piece(
         &self,
         variable: &Variable,
-        ranges: &[Range<usize>; 4],
+        ranges: &[Range<usize>; 5],
         factor: f64,
         missing: f32,
     ) -> Result<Array3<f32>> {
-        let own: Vec<_> = self.kinds.iter().map(|kind| ranges[*kind as usize].clone()).collect();
-        let mut values = variable.values_at::<f32>(&own, factor, f64::from(missing))?;
-        let mut kinds = self.kinds.clone();
-        if let Some(time) = self.place(Kind::Time) {
-            values = values.index_axis_move(Axis(time), 0);
-            kinds.remove(time);
+        let stored: Vec<_> = (0..self.kinds.len())
+            .map(|axis| {
+                let range = ranges[self.kinds[axis] as usize].clone();
+                let length = variable.shape[axis];
+                let from_end = |index: usize| length.saturating_sub(index);
+                if self.reversed[axis] { from_end(range.end)..from_end(range.start) } else { range }
+            })
+            .collect();
+        let mut values = variable.values_at::<f32>(&stored, factor, f64::from(missing))?;
+        let mut kinds = Vec::new();
+        for (axis, &kind) in self.kinds.iter().enumerate() {
+            if self.reversed[axis] {
+                values.invert_axis(Axis(kinds.len()));
+            }
+            if matches!(kind, Kind::Time | Kind::Single) {
+                values = values.index_axis_move(Axis(kinds.len()), 0);
+            } else {
+                kinds.push(kind);
+            }
         }
         for kind in [Kind::Z, Kind::Y, Kind::X] {
             if !kinds.contains(&kind) {
@@ -164,6 +255,36 @@ impl Layout {
         let values = values.permuted_axes(order).as_standard_layout().to_owned();
         Ok(values.into_dimensionality().expect("time, z, y and x were distinguished"))
     }
+}
+
+/// An error about two axes of one kind, one of which may be that of the faces.
+fn two_axes(variable: &Variable, kind: Kind, names: [&str; 2]) -> crate::error::Error {
+    let faces = names.into_iter().find(|name| are_faces(name));
+    match faces {
+        Some(faces) => variable.error(
+            format!(
+                "has the axes {} and {}, of which {faces} is that of the faces between cells, as if \
+                 tiles of a model had been joined along it",
+                names[0], names[1]
+            ),
+            "join them with xarray.open_mfdataset(..., data_vars=\"minimal\") or with `cdo collgrid`",
+        ),
+        None => variable.error(
+            format!("has two axes that look like {kind:?}: {} and {}", names[0], names[1]),
+            "give their coordinate variables the attribute `axis`: T, Z, Y or X",
+        ),
+    }
+}
+
+/// The last part of a name, after those of its groups.
+pub(super) fn leaf(name: &str) -> &str {
+    name.rsplit('/').next().unwrap_or(name)
+}
+
+/// Whether a dimension has a customary name of the faces between cells.
+pub(super) fn are_faces(name: &str) -> bool {
+    let name = leaf(name).to_lowercase();
+    FACES.iter().any(|(_, names)| names.contains(&name.as_str()))
 }
 
 /// The kind of a dimension according to the attribute `axis` or the standard name of its
@@ -185,15 +306,39 @@ pub(super) fn kind_of(input: &Input, name: &str) -> Option<Kind> {
         Some("projection_x_coordinate") => return Some(Kind::X),
         _ => {}
     }
-    match name.to_lowercase().as_str() {
-        "t" | "time" | "times" => Some(Kind::Time),
-        "z" | "zt" | "zc" | "zh" | "height" | "altitude" | "lev" | "level" | "bottom_top" => {
-            Some(Kind::Z)
-        }
-        "y" | "yt" | "yc" | "south_north" => Some(Kind::Y),
-        "x" | "xt" | "xc" | "west_east" => Some(Kind::X),
-        _ => None,
+    let name = leaf(name).to_lowercase();
+    let known = CENTRES.iter().chain(&FACES);
+    known.into_iter().find(|(_, names)| names.contains(&name.as_str())).map(|(kind, _)| *kind)
+}
+
+/// The coordinate of a dimension: the variable of its name, or another one along it alone that has
+/// the attribute `axis` or a customary name.
+pub(super) fn coordinate<'a>(
+    input: &'a Input,
+    dimension: &str,
+    kind: Kind,
+) -> Option<Variable<'a>> {
+    let of_one_axis = |variable: &Variable| variable.shape.len() == 1;
+    // A coordinate may depend on the time.
+    let of_times = |variable: &Variable| {
+        variable.shape.len() == 2
+            && variable.dimension(1) == Some(dimension)
+            && variable.dimension(0).and_then(|time| kind_of(input, time)) == Some(Kind::Time)
+    };
+    let own = input.variable(dimension).ok();
+    if let Some(own) = own.filter(|own| of_one_axis(own) || of_times(own)) {
+        return Some(own);
     }
+    let along: Vec<_> = input
+        .names()
+        .iter()
+        .filter_map(|name| input.variable(name).ok())
+        .filter(|variable| of_one_axis(variable) && variable.dimension(0) == Some(dimension))
+        .filter(|variable| kind_of(input, &variable.name) == Some(kind))
+        .collect();
+    let has_axis = |variable: &&Variable| variable.text("axis").is_some();
+    let found = along.iter().find(has_axis).or_else(|| along.first()).map(|found| &found.name);
+    found.and_then(|name| input.variable(name).ok())
 }
 
 /// The levels of a file that the grid requires: those that it overlaps, and one more on either

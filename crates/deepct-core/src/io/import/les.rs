@@ -1,42 +1,20 @@
-//! Import of large-eddy simulations in netCDF-4. Names, units and axes are identified by CF
+//! Import of large-eddy simulations in netCDF. Names, units and axes are identified by CF
 //! conventions, or by the customary names of common codes if a file does not follow them.
 
 use super::axes::{Kind, Layout, Window, levels_within, pieces};
-use super::water::{find_bins, find_water, is_density};
-use super::{Crop, DROPLETS_PER_CM3, ImportSettings, edges_of, grid_over};
+use super::cells::{self, Cells};
+use super::water::{Field, assumed_unit, find_field};
+use super::{Crop, DROPLETS_PER_CM3, ImportReport, ImportSettings, grid_over};
 use crate::cloud::resample::resample_droplets;
-use crate::cloud::{self, Cloud, EFFECTIVE_VARIANCE, Microphysics, Spectrum, doubling_radii};
-use crate::error::{Error, Result};
+use crate::cloud::{Cloud, Microphysics, Spectrum, doubling_radii};
+use crate::error::Result;
 use crate::grid::resample::{resample, uniform_edges};
-use crate::io::netcdf::{Input, Variable, edge_and_spacing, kilometres};
+use crate::grid::{Grid, Volume};
+use crate::io::netcdf::{Input, Variable};
 use crate::io::plausible::Checks;
 use crate::io::units::Unit;
-use ndarray::{Array3, Zip};
+use ndarray::{Array3, Axis, Zip};
 use std::path::Path;
-
-/// Customary names of the density of air, the first of which takes precedence.
-const DENSITY_NAMES: [&str; 7] = ["rho", "density", "rhoref", "rhobf", "rho0", "dn0", "rho_ref"];
-/// Words in the description of a density that is not that of air.
-const OTHER_DENSITIES: [&str; 9] =
-    ["water", "liquid", "ice", "rain", "snow", "droplet", "aerosol", "potential", "cloud"];
-/// Customary names of the effective radius.
-const RADIUS_NAMES: [&str; 11] = [
-    "reff",
-    "re",
-    "rel",
-    "effective_radius",
-    "re_cloud",
-    "r_eff",
-    "effr",
-    "reffc",
-    "effc",
-    "effcl",
-    "cloud_effective_radius",
-];
-/// Customary names of the effective variance.
-const VARIANCE_NAMES: [&str; 2] = ["veff", "effective_variance"];
-/// Customary names of the droplet number concentration.
-const NUMBER_NAMES: [&str; 6] = ["nc", "cdnc", "nd", "qnc", "qncloud", "ndrop"];
 
 /// The radius of the first bin (um).
 const FIRST_BIN: f64 = 2.0;
@@ -44,89 +22,195 @@ const FIRST_BIN: f64 = 2.0;
 /// Negative liquid water contents of up to this magnitude (g/m3) result from advection and packing
 /// and are set to zero.
 const UNDERSHOOT: f32 = 1e-3;
-/// Liquid water contents below this (g/m3) in voxels without droplets are set to zero.
+/// Liquid water contents below this (g/m3) are not mentioned if they are cut off.
 const TRACE: f32 = 1e-3;
-
 /// Represents liquid water that the file declares as missing.
 const MISSING: f32 = f32::MIN;
+/// Largest mixing ratio (g/kg) of clouds: larger ones are not in the unit that is assumed.
+const LARGEST_RATIO: f32 = 50.0;
 
 /// The part of a simulation that is read.
-struct Simulation<'a> {
-    input: &'a Input,
-    settings: &'a ImportSettings,
-    layout: Layout,
-    window: Window,
-    checks: Checks<'a>,
+pub(super) struct Simulation<'a> {
+    pub(super) input: &'a Input,
+    pub(super) settings: &'a ImportSettings,
+    pub(super) layout: Layout,
+    pub(super) window: Window,
+    /// Whether the lowest level of the file is read.
+    pub(super) from_ground: bool,
+    /// The altitudes of the centres of the levels that are read (km).
+    pub(super) altitudes: Vec<f64>,
+    pub(super) checks: Checks<'a>,
 }
 
 /// Read one time of a simulation. Only the required part of the file is read. Returns the cloud
-/// and warnings about it.
+/// and a report about it.
 ///
 /// Liquid water is identified by its CF `standard_name`, by a customary name or by its
 /// `long_name`, and its values are converted from the units of the file. A mixing ratio requires
-/// the density of air, from the file or the settings. Effective radii are read from the file or
+/// the density of air, from the settings or the file: a density, or pressure and temperature;
+/// otherwise that of the standard atmosphere is assumed. Effective radii are read from the file or
 /// derived from the droplet number concentration of the file or the settings. If the file contains
 /// a binned droplet spectrum, with the water of each bin in a separate variable, liquid water
-/// content and effective radius are derived from it.
+/// content and effective radius are derived from it. A file without liquid water may contain the
+/// extinction instead.
 ///
 /// # Errors
 /// Returns an error if the file is missing or damaged; if there is no liquid water or its units
 /// are missing or not understood; if the axes cannot be identified; if the time or crop is outside
 /// the file; if liquid water is negative, or missing inside of cloud; or if values are far beyond
 /// those of clouds.
-pub fn read_les(path: impl AsRef<Path>, settings: &ImportSettings) -> Result<(Cloud, Vec<String>)> {
+pub fn read_les(
+    path: impl AsRef<Path>,
+    settings: &ImportSettings,
+) -> Result<(Cloud, ImportReport)> {
     let path = path.as_ref();
     let input = Input::open(path)?.with_units(&settings.units)?;
     let mut checks = Checks::new(path, settings.allow_implausible);
-    let bins = find_bins(&input, settings);
-    let water = match bins.first() {
-        Some(name) => input.variable(name)?,
-        None => find_water(&input, settings, &mut checks)?,
+    let field = find_field(&input, settings, &mut checks)?;
+    let variable = input.variable(field.name())?;
+    let mut layout = Layout::of(&input, &variable)?;
+    let time = layout.check_time(&variable, settings.time)?;
+    let [z, y, x] = cells_of(&input, &layout, &variable, time, settings, &mut checks)?;
+    for (kind, cells) in [(Kind::Z, &z), (Kind::Y, &y), (Kind::X, &x)] {
+        if cells.descends {
+            layout.reverse(kind);
+        }
+    }
+    let crop = Crop::of(settings, path, [y.count(), x.count()])?;
+    let cropped = |cells: &Cells, first: usize, count: usize| {
+        let step = cells.step();
+        uniform_edges(cells.faces[0] + step * first as f64, step, count)
     };
-    let layout = Layout::of(&input, &water)?;
-    let axis = |kind| input.variable(layout.name(kind));
-    let (x, y, z) = (axis(Kind::X)?, axis(Kind::Y)?, axis(Kind::Z)?);
-    let crop = Crop::of(settings, path, [y.shape[0], x.shape[0]])?;
-    let ((x_edge, dx), (y_edge, dy)) = (edge_and_spacing(&x)?, edge_and_spacing(&y)?);
-    let z_edges = edges_of(&kilometres(&z)?, path, &z.name)?;
-    let x_edges = uniform_edges(x_edge + dx * crop.x0 as f64, dx, crop.nx);
-    let y_edges = uniform_edges(y_edge + dy * crop.y0 as f64, dy, crop.ny);
-    let grid = grid_over([&z_edges, &y_edges, &x_edges], settings, path)?;
-    let height = z_edges[z_edges.len() - 1] - z_edges[0];
-    let level = height / (z_edges.len() - 1) as f64;
-    checks.lengths([dx, dy, level], [z_edges[0], z_edges[z_edges.len() - 1]])?;
+    let (x_edges, y_edges) = (cropped(&x, crop.x0, crop.nx), cropped(&y, crop.y0, crop.ny));
+    let (bottom, top) = (z.faces[0], z.faces[z.count()]);
+    let grid = grid_over([&z.faces, &y_edges, &x_edges], settings, path)?;
+    checks.lengths([x.step(), y.step(), z.step()], [bottom, top])?;
     checks.grid(&grid)?;
+    let levels = levels_within(&z.faces, &grid);
+    let z_edges = &z.faces[levels.start..=levels.end];
     let window = Window {
-        time: layout.check_time(&water, settings.time)?,
-        levels: levels_within(&z_edges, &grid),
-        rows: pieces(crop.y0, crop.ny, y.shape[0]),
-        cols: pieces(crop.x0, crop.nx, x.shape[0]),
+        time,
+        levels: z.below + levels.start..z.below + levels.end,
+        rows: pieces(crop.y0, crop.ny, y.count()),
+        cols: pieces(crop.x0, crop.nx, x.count()),
     };
-    let z_edges = &z_edges[window.levels.start..=window.levels.end];
-    let edges = [z_edges, y_edges.as_slice(), x_edges.as_slice()];
-    let mut simulation = Simulation { input: &input, settings, layout, window, checks };
-    let droplets = if bins.is_empty() {
-        let mut content = simulation.concentration(&water)?;
-        simulation.checks.traces(&water.name, &content)?;
-        let Some(effective_radius) = simulation.effective_radius(&mut content)? else {
-            let content = resample(&content, edges, &grid)?;
-            let number = settings.droplets_per_cm3.unwrap_or(DROPLETS_PER_CM3);
-            let droplets = Microphysics::from_droplet_number(content, number)?;
-            simulation.checks.droplets(&droplets)?;
-            let cloud = Cloud::from_microphysics(grid, droplets)?;
-            return Ok((cloud, simulation.checks.into_warnings()));
-        };
-        let effective_variance = simulation.effective_variance(&content)?;
-        Microphysics { liquid_water_content: content, effective_radius, effective_variance }
-    } else {
-        simulation.spectrum(&bins)?.microphysics()
+    let altitudes = z_edges.windows(2).map(|face| 0.5 * (face[0] + face[1])).collect();
+    let from_ground = levels.start == 0;
+    let mut simulation =
+        Simulation { input: &input, settings, layout, window, from_ground, altitudes, checks };
+    simulation.check_below(&variable, z.below)?;
+    let cloud = simulation.cloud(&field, [z_edges, &y_edges, &x_edges], grid)?;
+    let (taken, warnings) = simulation.checks.into_notes_and_warnings();
+    Ok((cloud, ImportReport { taken, warnings }))
+}
+
+/// The cells of the variable along z, y and x. The size of a single cell without bounds is that of
+/// the other horizontal axis, or of the settings.
+fn cells_of(
+    input: &Input,
+    layout: &Layout,
+    variable: &Variable,
+    time: usize,
+    settings: &ImportSettings,
+    checks: &mut Checks,
+) -> Result<[Cells; 3]> {
+    let spacing = |axis: usize| settings.spacing.map(|spacing| spacing[axis]);
+    let x = cells::horizontal(input, layout, variable, Kind::X, None, checks)?;
+    let width = x.as_ref().map(Cells::step).or(spacing(1));
+    let y = cells::horizontal(input, layout, variable, Kind::Y, width, checks)?;
+    let x = match x {
+        Some(x) => Some(x),
+        None => {
+            let width = y.as_ref().map(Cells::step).or(spacing(0));
+            cells::horizontal(input, layout, variable, Kind::X, width, checks)?
+        }
     };
-    simulation.checks.droplets(&droplets)?;
-    let cloud = resample_droplets(&droplets, edges, &grid)?;
-    Ok((cloud, simulation.checks.into_warnings()))
+    let z = cells::vertical(input, layout, variable, time, spacing(2), checks)?;
+    let required = |cells: Option<Cells>, name: &str| {
+        let remedy = "add the CF attribute `bounds`, or give its size with --spacing DX,DY,DZ (km)";
+        cells.ok_or_else(|| variable.error(format!("has a single cell along {name}"), remedy))
+    };
+    Ok([required(z, "z")?, required(y, "y")?, required(x, "x")?])
 }
 
 impl<'a> Simulation<'a> {
+    /// The cloud of the field, whose cells have the given edges, on `grid`.
+    fn cloud(&mut self, field: &Field, edges: [&[f64]; 3], grid: Grid) -> Result<Cloud> {
+        let droplets = match field {
+            Field::Extinction(name) => {
+                let extinction = self.extinction(&self.input.variable(name)?)?;
+                let volume = Volume::new(grid, resample(&extinction, edges, &grid)?)?;
+                return Cloud::from_extinction(volume);
+            }
+            Field::Bins(bins) => self.spectrum(bins)?.microphysics(),
+            Field::Water(name) => {
+                let mut content = self.concentration(&self.input.variable(name)?)?;
+                self.checks.traces(name, &content)?;
+                self.note_what_is_cut(&content, edges[0], &grid);
+                let Some(effective_radius) = self.effective_radius(&mut content)? else {
+                    let content = resample(&content, edges, &grid)?;
+                    let number = self.settings.droplets_per_cm3.unwrap_or(DROPLETS_PER_CM3);
+                    self.checks.note(match self.settings.droplets_per_cm3 {
+                        Some(number) => {
+                            format!("effective radii: {number} droplets per cm3, as given")
+                        }
+                        None => format!("effective radii: assumed, {number} droplets per cm3"),
+                    });
+                    let droplets = Microphysics::from_droplet_number(content, number)?;
+                    self.checks.droplets(&droplets)?;
+                    return Cloud::from_microphysics(grid, droplets);
+                };
+                let effective_variance = self.effective_variance(&content)?;
+                Microphysics { liquid_water_content: content, effective_radius, effective_variance }
+            }
+        };
+        self.checks.droplets(&droplets)?;
+        resample_droplets(&droplets, edges, &grid)
+    }
+
+    /// Note that no water was read, or that there is some in the levels next to the grid.
+    fn note_what_is_cut(&mut self, content: &Array3<f32>, z_edges: &[f64], grid: &Grid) {
+        if content.iter().all(|water| *water == 0.0) {
+            self.checks.note("liquid water: none in the part that was read");
+            return;
+        }
+        let wet: Vec<_> = content
+            .outer_iter()
+            .zip(z_edges.windows(2))
+            .filter(|(level, _)| level.iter().any(|water| *water > TRACE))
+            .map(|(_, faces)| (faces[0], faces[1]))
+            .collect();
+        let [bottom, top] = [grid.lower().z, grid.upper().z];
+        let slack = 1e-3 * grid.spacing.z;
+        if wet.iter().any(|(low, _)| *low < bottom - slack) {
+            self.checks
+                .note(format!("left out: liquid water below the grid, under {bottom:.3} km"));
+        }
+        if wet.iter().any(|(_, high)| *high > top + slack) {
+            self.checks.note(format!("left out: liquid water above the grid, over {top:.3} km"));
+        }
+    }
+
+    /// Returns an error if there is liquid water in more than one level below the ground; a single one
+    /// may be that of the boundary condition.
+    fn check_below(&mut self, water: &Variable, below: usize) -> Result<()> {
+        if below < 2 {
+            return Ok(());
+        }
+        let window = Window {
+            levels: 0..below,
+            time: self.window.time,
+            rows: self.window.rows.clone(),
+            cols: self.window.cols.clone(),
+        };
+        let values = self.layout.read(water, &window, 1.0, 0.0)?;
+        if values.iter().all(|value| *value <= 0.0 || value.is_nan()) {
+            return Ok(());
+        }
+        let problem = format!("has liquid water in the {below} levels below altitude 0");
+        Err(water.error(problem, "write altitudes that are positive above the ground"))
+    }
+
     /// The droplet spectrum in the window, from all bins.
     fn spectrum(&mut self, bins: &[String]) -> Result<Spectrum> {
         let mut spectrum: Option<Spectrum> = None;
@@ -141,39 +225,119 @@ impl<'a> Simulation<'a> {
 
     /// Liquid water content (g/m3) in the window, converted from the units of the file.
     fn concentration(&mut self, water: &Variable) -> Result<Array3<f32>> {
-        let unit = water.unit_text().as_deref().and_then(Unit::parse);
-        let ratio = unit.as_ref().is_some_and(Unit::is_mass_ratio);
-        let (factor, density) = if ratio {
-            let kilograms = water.factor_to("1")?;
-            (1e3 * kilograms, Some(self.air_density(&water.name)?))
-        } else {
-            let factor = water.factor_to("g m-3").map_err(|_| {
-                let expected = "a unit such as g m-3, kg m-3, kg kg-1 or g kg-1";
-                water.wrong_unit(expected, "kg kg-1")
-            });
-            (factor?, None)
+        let stated = water.unit_text();
+        let unit = match &stated {
+            Some(text) => Unit::parse(text),
+            None => assumed_unit(&water.name).and_then(Unit::parse),
         };
+        let wrong = || {
+            let expected = "a unit such as g m-3, kg m-3, kg kg-1 or g kg-1";
+            water.wrong_unit(expected, "kg kg-1")
+        };
+        let unit = unit.ok_or_else(wrong)?;
+        let ratio = unit.is_mass_ratio();
+        let target = Unit::parse(if ratio { "g kg-1" } else { "g m-3" }).expect("a unit");
+        let factor = unit.factor_to(&target).ok_or_else(wrong)?;
         let layout = self.layout.of_other(water, "give it on the same axes")?;
         let mut values = layout.read(water, &self.window, factor, MISSING)?;
-        if let Some(density) = density {
+        let said = self.unit_of_model(water, stated.as_deref(), ratio, &mut values)?;
+        if ratio {
+            let density = self.air_density(water)?;
             let density = density.broadcast(values.raw_dim()).expect("read on the same axes");
             Zip::from(&mut values).and(density).for_each(|value, density| {
-                *value = if *value == MISSING { MISSING } else { *value * density };
+                // The density may be missing where there is no air.
+                let absent = *value == MISSING || *value == 0.0;
+                *value = if absent { *value } else { *value * density };
             });
         }
+        self.checks.note(format!(
+            "liquid water: {}({}) in {said}, time {}",
+            water.name,
+            self.layout.text(),
+            self.window.time
+        ));
+        self.without_undershoot(water, &mut values, "g/m3")?;
+        self.fill(water, &mut values)?;
+        Ok(values)
+    }
+
+    /// Extinction (1/km) in the window.
+    fn extinction(&mut self, variable: &Variable) -> Result<Array3<f32>> {
+        let factor = variable.factor_to("km-1")?;
+        let mut values = self.layout.read(variable, &self.window, factor, MISSING)?;
+        self.without_undershoot(variable, &mut values, "1/km")?;
+        self.fill(variable, &mut values)?;
+        self.checks.extinction(&variable.name, &values)?;
+        let unit = variable.unit_text().unwrap_or_default();
+        self.checks.note(format!("extinction: {} in {unit}", variable.name));
+        Ok(values)
+    }
+
+    /// The unit of the liquid water in words. The unit of a variable without one is assumed, and the
+    /// one that a model writes by mistake is corrected.
+    fn unit_of_model(
+        &mut self,
+        water: &Variable,
+        stated: Option<&str>,
+        ratio: bool,
+        values: &mut Array3<f32>,
+    ) -> Result<String> {
+        let most = values.iter().copied().fold(0.0, f32::max);
+        let name = &water.name;
+        let Some(stated) = stated else {
+            let unit = if ratio { "kg kg-1" } else { "kg m-3" };
+            if most > LARGEST_RATIO {
+                let problem = format!("has no units, and numbers of up to {}", 1e-3 * most);
+                let remedy = format!("state the units, such as --units {name}=\"g kg-1\"");
+                return Err(water.error(problem, &remedy));
+            }
+            self.checks.warn(format!(
+                "{name} has no units, and is taken to be in {unit} (--units {name}=\"...\" states them)"
+            ));
+            return Ok(format!("{unit}, assumed"));
+        };
+        let model = ["Source", "source"].iter().find_map(|name| self.input.text(name));
+        let is_ucla = model.is_some_and(|model| {
+            let model = model.to_uppercase().replace('-', "");
+            model.contains("UCLALES")
+        });
+        let grams = Unit::parse("g kg-1");
+        let in_grams = ratio && Unit::parse(stated).is_some() && Unit::parse(stated) == grams;
+        // One thousandth of the largest mixing ratio is a cloud that nobody simulates.
+        let given = self.settings.units.contains_key(name);
+        if is_ucla && in_grams && !given && most < 1e-3 * LARGEST_RATIO {
+            values.mapv_inplace(|value| if value == MISSING { MISSING } else { 1e3 * value });
+            self.checks.warn(format!(
+                "{name} states {stated}, but UCLA-LES writes kg/kg into its 3-D files, and its numbers \
+                 are at most {most}; they are read as kg kg-1 (--units {name}=\"g kg-1\" keeps g/kg)"
+            ));
+            return Ok("kg kg-1, corrected".into());
+        }
+        Ok(stated.to_owned())
+    }
+
+    /// Set small negative values to zero.
+    ///
+    /// # Errors
+    /// Returns an error if a value is negative or not finite.
+    fn without_undershoot(
+        &self,
+        variable: &Variable,
+        values: &mut Array3<f32>,
+        unit: &str,
+    ) -> Result<()> {
         for ((k, j, i), value) in values.indexed_iter_mut() {
             if *value == MISSING || (value.is_finite() && *value >= -UNDERSHOOT) {
                 *value = if *value == MISSING { MISSING } else { value.max(0.0) };
                 continue;
             }
-            return Err(water.error(
-                format!("is {value} g/m3 in the part that was read, at [z {k}, y {j}, x {i}]"),
-                "liquid water must be finite, within the valid range of the file and not negative: \
-                 choose another part of the file",
+            return Err(variable.error(
+                format!("is {value} {unit} in the part that was read, at [z {k}, y {j}, x {i}]"),
+                "it must be finite, within the valid range of the file and not negative: choose \
+                 another part of the file",
             ));
         }
-        self.fill(water, &mut values)?;
-        Ok(values)
+        Ok(())
     }
 
     /// Replace missing liquid water outside of cloud by zero.
@@ -182,6 +346,7 @@ impl<'a> Simulation<'a> {
     /// Returns an error if missing values are enclosed by liquid water.
     fn fill(&mut self, water: &Variable, values: &mut Array3<f32>) -> Result<()> {
         let shape = values.dim();
+        let ground = self.below_terrain(values);
         let missing: Vec<_> = values
             .indexed_iter()
             .filter(|(_, value)| **value == MISSING)
@@ -216,6 +381,13 @@ impl<'a> Simulation<'a> {
             }
         }
         values.mapv_inplace(|value| if value.is_finite() { value } else { 0.0 });
+        if ground > 0 {
+            self.checks.warn(format!(
+                "{} is missing in {ground} voxels at the bottom of their columns, which are taken to be \
+                 below the ground, without cloud",
+                water.name
+            ));
+        }
         if !missing.is_empty() {
             let (count, all) = (missing.len(), shape.0 * shape.1 * shape.2);
             self.checks.warn(format!(
@@ -226,159 +398,34 @@ impl<'a> Simulation<'a> {
         Ok(())
     }
 
-    /// The density of air (kg/m3), in a shape that can be broadcast to a field `[z, y, x]`.
-    fn air_density(&mut self, water: &str) -> Result<Array3<f32>> {
-        if let Some(density) = self.settings.air_density {
-            let density = Array3::from_elem((1, 1, 1), density as f32);
-            self.checks.air_density("--air-density", &density)?;
-            return Ok(density);
+    /// Set missing values to zero in all levels from the bottom of a column up to the first one with a
+    /// value: they are below the terrain. Returns their number.
+    fn below_terrain(&self, values: &mut Array3<f32>) -> usize {
+        let mut count = 0;
+        // Without the lowest level of the file, it is unknown what is below.
+        if !self.from_ground {
+            return count;
         }
-        let standard =
-            |variable: &Variable| variable.text("standard_name").filter(|name| !name.is_empty());
-        let mut found: Vec<_> = self
-            .variables()
-            .filter_map(|variable| {
-                let customary =
-                    DENSITY_NAMES.iter().position(|name| *name == variable.name.to_lowercase());
-                match (standard(&variable).as_deref(), customary) {
-                    (Some("air_density"), _) => Some((0, variable)),
-                    (_, Some(rank)) => Some((1 + rank, variable)),
-                    _ => None,
-                }
-            })
-            .collect();
-        found.sort_by_key(|(rank, _)| *rank);
-        let mut reasons = String::new();
-        for (_, density) in found {
-            let described = density.text("long_name").unwrap_or_default().to_lowercase();
-            let unit = density.unit_text();
-            let reason = if standard(&density).is_some_and(|name| name != "air_density") {
-                "its standard_name is another".to_owned()
-            } else if OTHER_DENSITIES.iter().any(|word| described.contains(word)) {
-                format!("its long_name is \"{described}\"")
-            } else if !unit.as_deref().and_then(Unit::parse).as_ref().is_some_and(is_density) {
-                let unit = unit.map_or("missing".into(), |unit| format!("\"{unit}\""));
-                format!("its unit is {unit} (--units {}=\"kg m-3\" states it)", density.name)
-            } else {
-                let layout = self.layout.of_other(&density, "give --air-density (kg/m3)")?;
-                let factor = density.factor_to("kg m-3")?;
-                let values = layout.read(&density, &self.window, factor, f32::NAN)?;
-                self.checks.air_density(&density.name, &values)?;
-                return Ok(values);
-            };
-            reasons += &format!("; {} is not taken for it, because {reason}", density.name);
-        }
-        let problem = format!("is a mixing ratio, and the file has no density of air{reasons}");
-        Err(self.input.error(water, problem, "give one with --air-density (kg/m3)"))
-    }
-
-    /// Effective radius (um), zero where there is no water, from the file: its effective radius, or
-    /// otherwise its droplet number concentration. `None` if the file has neither, or if the
-    /// settings specify the number. Traces of water without droplets are removed.
-    fn effective_radius(&mut self, content: &mut Array3<f32>) -> Result<Option<Array3<f32>>> {
-        if self.settings.droplets_per_cm3.is_some() {
-            return Ok(None);
-        }
-        let or_else = |error| match error {
-            Error::File { path, field, problem, remedy } => {
-                let remedy = format!("{remedy}; or give the number of droplets with --droplets");
-                Error::File { path, field, problem, remedy }
+        for mut column in values.lanes_mut(Axis(0)) {
+            // A column without any value is a hole of the file.
+            if column.iter().all(|value| *value == MISSING) {
+                continue;
             }
-            other => other,
-        };
-        let radius = "effective_radius_of_cloud_liquid_water_particles";
-        let number = "number_concentration_of_cloud_liquid_water_particles_in_air";
-        let (variable, mut radii) = if let Some(variable) = self.find(radius, &RADIUS_NAMES) {
-            let radii = self.on_field(&variable, "um", content.dim()).map_err(or_else)?;
-            (variable, radii)
-        } else if let Some(variable) = self.find(number, &NUMBER_NAMES) {
-            let numbers = self.droplet_number(&variable, content.dim()).map_err(or_else)?;
-            let radii = Zip::from(&numbers).and(&*content).map_collect(|&number, &water| {
-                if number > 0.0 { cloud::effective_radius(water, f64::from(number)) } else { 0.0 }
-            });
-            self.checks.warn(format!(
-                "effective radii are computed from the droplet number concentration {}; --droplets \
-                 specifies another",
-                variable.name
-            ));
-            (variable, radii)
-        } else {
-            return Ok(None);
-        };
-        let mut traces = 0;
-        for (voxel, radius) in radii.indexed_iter_mut() {
-            let water = &mut content[voxel];
-            if *water > 0.0 && !(radius.is_finite() && *radius > 0.0) {
-                if *water >= TRACE {
-                    let (k, j, i) = voxel;
-                    return Err(or_else(variable.error(
-                        format!(
-                            "gives an effective radius of {radius} um at [z {k}, y {j}, x {i}], where \
-                             there is {water} g/m3 of water"
-                        ),
-                        "it must be positive where there is water",
-                    )));
-                }
-                traces += 1;
-                *water = 0.0;
-            }
-            if *water == 0.0 {
-                *radius = 0.0;
+            for value in column.iter_mut().take_while(|value| **value == MISSING) {
+                *value = 0.0;
+                count += 1;
             }
         }
-        if traces > 0 {
-            self.checks.warn(format!(
-                "{traces} voxels with less than {TRACE} g/m3 of water have no droplets according to \
-                 {}; their water is removed",
-                variable.name
-            ));
-        }
-        Ok(Some(radii))
+        count
     }
 
-    /// Droplet number concentration (per cm3) of a variable per volume or per mass of air.
-    fn droplet_number(
-        &mut self,
-        variable: &Variable,
-        shape: (usize, usize, usize),
-    ) -> Result<Array3<f32>> {
-        let unit = variable.unit_text().as_deref().and_then(Unit::parse);
-        let per_mass = Unit::parse("kg-1").expect("a unit");
-        if unit.is_none_or(|unit| unit.factor_to(&per_mass).is_none()) {
-            return self.on_field(variable, "cm-3", shape);
-        }
-        let density = self.air_density(&variable.name)?;
-        let density = density.broadcast(shape).expect("read on the same axes");
-        Ok(self.on_field(variable, "kg-1", shape)? * density * 1e-6)
-    }
-
-    /// Effective variance of the file, or the default one.
-    fn effective_variance(&self, content: &Array3<f32>) -> Result<Array3<f32>> {
-        let Some(variable) = self.find("", &VARIANCE_NAMES) else {
-            return Ok(Array3::from_elem(content.raw_dim(), EFFECTIVE_VARIANCE));
-        };
-        let mut variance = self.on_field(&variable, "1", content.dim())?;
-        for (voxel, variance) in variance.indexed_iter_mut() {
-            let water = content[voxel];
-            if water > 0.0 && !(variance.is_finite() && *variance >= 0.0) {
-                let (k, j, i) = voxel;
-                return Err(variable.error(
-                    format!("is {variance} at [z {k}, y {j}, x {i}], where there is water"),
-                    "it must be finite and not negative where there is water",
-                ));
-            }
-            *variance = if water > 0.0 { *variance } else { 0.0 };
-        }
-        Ok(variance)
-    }
-
-    fn variables(&self) -> impl Iterator<Item = Variable<'a>> + use<'a> {
+    pub(super) fn variables(&self) -> impl Iterator<Item = Variable<'a>> + use<'a> {
         let input = self.input;
         input.names().into_iter().filter_map(|name| input.variable(&name).ok())
     }
 
     /// The variable with a standard name, or otherwise with one of the customary names.
-    fn find(&self, standard_name: &str, names: &[&str]) -> Option<Variable<'a>> {
+    pub(super) fn find(&self, standard_name: &str, names: &[&str]) -> Option<Variable<'a>> {
         let standard = |variable: &Variable| {
             !standard_name.is_empty()
                 && variable.text("standard_name").is_some_and(|name| name == standard_name)
@@ -390,7 +437,7 @@ impl<'a> Simulation<'a> {
 
     /// The values of a variable in the window, converted to `unit`, on all voxels. Missing values
     /// are NaN.
-    fn on_field(
+    pub(super) fn on_field(
         &self,
         variable: &Variable,
         unit: &str,

@@ -1,9 +1,12 @@
-//! Import of clouds: large-eddy simulations in netCDF-4, and the text formats of pySHDOM and AT3D.
+//! Import of clouds: large-eddy simulations in netCDF, and the text formats of pySHDOM and AT3D.
 //!
 //! Fields of all formats are resampled to the requested grid by [`crate::grid::resample`]:
-//! conservatively to coarser cells, linearly to finer ones.
+//! conservatively to coarser cells and between stretched levels, linearly to finer cells of one size.
 
 mod axes;
+mod cells;
+mod density;
+mod droplets;
 mod les;
 mod text;
 mod water;
@@ -15,10 +18,13 @@ use crate::cloud::Cloud;
 use crate::error::{Error, Result};
 use crate::grid::Grid;
 use crate::grid::resample;
+use crate::io::netcdf::is_hdf5;
 use crate::math::DVec3;
 use std::collections::BTreeMap;
+use std::fmt;
 use std::io::Read;
-use std::path::Path;
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
 
 /// Droplet number concentration (1/cm3) assumed if the file does not contain the droplet size:
 /// between that of maritime air (50 to 100) and that of continental air (several hundred).
@@ -37,9 +43,9 @@ pub struct ImportSettings {
     /// Droplet number concentration (1/cm3), from which effective radii are derived. If `None`,
     /// the radii of the file are used, or [`DROPLETS_PER_CM3`] if it has none.
     pub droplets_per_cm3: Option<f64>,
-    /// Density of air (kg/m3), which converts a mixing ratio to liquid water content; it takes
-    /// precedence over the density in the file.
-    pub air_density: Option<f64>,
+    /// Density of air, which converts a mixing ratio to liquid water content; it takes precedence over
+    /// the density in the file.
+    pub air_density: Option<AirDensity>,
     /// Name of the liquid water variable; identified automatically if `None`.
     pub variable: Option<String>,
     /// Voxel size along x, y, z (km); that of the file if `None`.
@@ -52,6 +58,55 @@ pub struct ImportSettings {
     pub units: BTreeMap<String, String>,
     /// Whether values far beyond those of clouds are accepted with a warning.
     pub allow_implausible: bool,
+}
+
+/// The density of air that converts a mixing ratio to liquid water content.
+#[derive(Debug, Clone, PartialEq)]
+pub enum AirDensity {
+    /// The same everywhere (kg/m3).
+    Constant(f64),
+    /// A profile, interpolated linearly in altitude.
+    Profile {
+        /// The file that contains it.
+        file: PathBuf,
+        /// The name of the variable, after the path of its group.
+        variable: String,
+    },
+}
+
+impl FromStr for AirDensity {
+    type Err = String;
+
+    /// A number, or `FILE:VARIABLE`.
+    fn from_str(text: &str) -> std::result::Result<Self, String> {
+        if let Ok(density) = text.parse() {
+            return Ok(Self::Constant(density));
+        }
+        match text.rsplit_once(':') {
+            Some((file, variable)) if !file.is_empty() && !variable.is_empty() => {
+                Ok(Self::Profile { file: file.into(), variable: variable.into() })
+            }
+            _ => Err("give a number (kg/m3), or a profile as FILE:VARIABLE".into()),
+        }
+    }
+}
+
+impl fmt::Display for AirDensity {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        match self {
+            Self::Constant(density) => write!(f, "{density}"),
+            Self::Profile { file, variable } => write!(f, "{}:{variable}", file.display()),
+        }
+    }
+}
+
+/// What an import found in a file.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct ImportReport {
+    /// The variable from which each quantity was taken, and what was assumed.
+    pub taken: Vec<String>,
+    /// What may be wrong.
+    pub warnings: Vec<String>,
 }
 
 impl Default for ImportSettings {
@@ -86,26 +141,47 @@ pub struct Crop {
     pub ny: usize,
 }
 
-/// Read a cloud in any supported format: netCDF-4 and HDF5 by [`read_les`], all other files by
-/// [`read_text`]. Returns the cloud and warnings about it.
+/// Read a cloud in any supported format: netCDF and HDF5 by [`read_les`], all other files by
+/// [`read_text`]. Returns the cloud and a report about it.
 ///
 /// # Errors
 /// As [`read_les`] and [`read_text`].
 pub fn import_cloud(
     path: impl AsRef<Path>,
     settings: &ImportSettings,
-) -> Result<(Cloud, Vec<String>)> {
+) -> Result<(Cloud, ImportReport)> {
     let path = path.as_ref();
     if !path.exists() {
         return Err(Error::file(path, "file", "does not exist", "check the path"));
+    }
+    if path.is_dir() {
+        let (what, remedy) = folder(path);
+        return Err(Error::file(path, "file", what, remedy));
     }
     crate::files::check_regular(path)?;
     let mut start = [0; 4];
     let read = std::fs::File::open(path).and_then(|mut file| file.read_exact(&mut start));
     match (read, &start) {
-        (Ok(()), b"\x89HDF" | b"CDF\x01" | b"CDF\x02" | b"CDF\x05") => read_les(path, settings),
+        (Ok(()), b"CDF\x01" | b"CDF\x02" | b"CDF\x05") => read_les(path, settings),
+        _ if is_hdf5(path) => read_les(path, settings),
         _ => read_text(path, settings),
     }
+}
+
+/// What a folder contains, and how it becomes a file.
+fn folder(path: &Path) -> (&'static str, &'static str) {
+    let has = |name: &str| path.join(name).exists();
+    let ends = |end: &str| path.extension().is_some_and(|found| found == end);
+    if ends("zarr") || [".zgroup", ".zmetadata", "zarr.json"].into_iter().any(has) {
+        let remedy = "convert it: xarray.open_zarr(...).to_netcdf(\"cloud.nc\")";
+        return ("is a folder with a Zarr store, which is not read", remedy);
+    }
+    if ends("bp") || has("md.idx") {
+        let remedy =
+            "read it with the Python module adios2 and write netCDF, or let the model write it";
+        return ("is a folder in the format ADIOS2 BP, which is not read", remedy);
+    }
+    ("is a folder", "give a regular file")
 }
 
 impl Crop {

@@ -1,4 +1,4 @@
-//! Import of the text formats of pySHDOM and AT3D, which have one line per voxel with water.
+//! Import of the text formats of pySHDOM, AT3D and SHDOM, which have one line per voxel with water.
 //!
 //! A pySHDOM file consists of a comment line, `nx ny nz`, then `dx dy z0 z1 ...` on one line, then
 //! rows `i j k lwc reff [veff]`. An AT3D file consists of a comment line, `nx,ny,nz`, `dx,dy`,
@@ -7,8 +7,12 @@
 //! at 0, lengths are in km, liquid water contents in g/m3 and radii in um. The values are given at
 //! `(i dx, j dy, z_k)`, which become the centres of voxels. Voxels that are not listed contain no
 //! water.
+//!
+//! A file of SHDOM begins with the title `2 parameter LWC file`, then `nx ny nz`, `dx dy`, the
+//! altitudes, the temperatures, and rows `i j k lwc reff` whose indices start at 1. With nz altitudes
+//! these are the centres of the levels; with nz + 1, as in the files of the I3RC model, their faces.
 
-use super::{Crop, ImportSettings, edges_of, grid_over};
+use super::{Crop, ImportReport, ImportSettings, edges_of, grid_over};
 use crate::cloud::resample::resample_droplets;
 use crate::cloud::{Cloud, EFFECTIVE_VARIANCE, Microphysics};
 use crate::error::{Error, Result};
@@ -33,8 +37,11 @@ struct Header {
     shape: [usize; 3],
     dx: f64,
     dy: f64,
+    /// The altitudes of the centres of the levels, or of their faces.
     z: Vec<f64>,
     columns: Columns,
+    /// The index of the first voxel along each axis.
+    first: usize,
 }
 
 /// The positions of the values in a row, and the number of its fields.
@@ -49,7 +56,8 @@ struct Columns {
 }
 
 /// Read a text file in either format. Effective radii are those of the file unless the settings
-/// specify a droplet number concentration. Returns the cloud and warnings about it.
+/// specify a droplet number concentration. Returns the cloud and a
+/// report about it.
 ///
 /// # Errors
 /// Returns an error if the file is missing or not in one of these formats, if a line is invalid
@@ -58,7 +66,7 @@ struct Columns {
 pub fn read_text(
     path: impl AsRef<Path>,
     settings: &ImportSettings,
-) -> Result<(Cloud, Vec<String>)> {
+) -> Result<(Cloud, ImportReport)> {
     let path = path.as_ref();
     if let Some(name) = settings.units.keys().next() {
         let problem = "has no named unit: text files are in km, g/m3 and um";
@@ -77,9 +85,17 @@ pub fn read_text(
     checks.droplets(&droplets)?;
     let crop = Crop::of(settings, path, [header.shape[1], header.shape[2]])?;
     let droplets = cropped(droplets, crop);
-    let z = edges_of(&header.z, path, "altitudes")?;
-    let axis =
-        |step: f64, first: usize, count| uniform_edges(step * (first as f64 - 0.5), step, count);
+    let faces = header.z.len() > header.shape[0];
+    let z = if faces { header.z.clone() } else { edges_of(&header.z, path, "altitudes")? };
+    let axis = |step: f64, first: usize, count| {
+        let centre = if faces { 0.0 } else { 0.5 };
+        uniform_edges(step * (first as f64 - centre), step, count)
+    };
+    checks.note(match (faces, header.first) {
+        (true, _) => "levels: between the altitudes of the file (nz + 1)",
+        (false, 1) => "levels: around the altitudes of the file (nz)",
+        (false, _) => "levels: around the altitudes of the file",
+    });
     let (y, x) = (axis(header.dy, crop.y0, crop.ny), axis(header.dx, crop.x0, crop.nx));
     let level = (z[z.len() - 1] - z[0]) / (z.len() - 1) as f64;
     checks.lengths([header.dx, header.dy, level], [z[0], z[z.len() - 1]])?;
@@ -93,7 +109,8 @@ pub fn read_text(
         )?,
         (_, microphysics) => Cloud { microphysics, ..cloud },
     };
-    Ok((cloud, checks.into_warnings()))
+    let (taken, warnings) = checks.into_notes_and_warnings();
+    Ok((cloud, ImportReport { taken, warnings }))
 }
 
 impl<'a> Lines<'a> {
@@ -108,7 +125,7 @@ impl<'a> Lines<'a> {
     }
 
     fn error(&self, line: usize, problem: impl Into<String>) -> Error {
-        let remedy = "give a pySHDOM or AT3D text file; `formats` describes both";
+        let remedy = "give a text file of pySHDOM, AT3D or SHDOM; `formats` describes them";
         Error::file(self.path, format!("line {line}"), problem, remedy)
     }
 
@@ -132,6 +149,8 @@ impl<'a> Lines<'a> {
 
     fn header(&mut self) -> Result<Header> {
         let what = "the counts nx, ny, nz";
+        let title = self.lines.first().map_or("", |(_, line)| *line).to_lowercase();
+        let of_shdom = title.split_whitespace().eq(["2", "parameter", "lwc", "file"]);
         // The first line is a comment, with or without the sign of one.
         let words = |fields: &[&str]| fields.iter().any(|field| number(field).is_none());
         if self.lines.len() > 1 && words(&self.cut(what)?.1) {
@@ -152,19 +171,30 @@ impl<'a> Lines<'a> {
         memory::check("memory for the grid", voxels.unwrap_or(0) as f64, 32.0)
             .map_err(Error::in_file(self.path))?;
         let (line, mut steps) = self.numbers("the steps dx, dy")?;
-        let (z, names_required) = if steps.len() == 2 {
-            (self.numbers("the altitudes")?.1, true)
+        let ((line_of_z, z), names_required) = if steps.len() == 2 {
+            (self.numbers("the altitudes")?, true)
         } else {
-            (steps.split_off(steps.len().min(2)), false)
+            ((line, steps.split_off(steps.len().min(2))), false)
         };
-        if z.len() != nz {
-            let problem = format!("is followed by {} altitudes, not nz = {nz}", z.len());
-            return Err(self.error(line, problem));
+        if z.len() != nz && !(of_shdom && z.len() == nz + 1) {
+            let or_faces = if of_shdom { " or nz + 1" } else { "" };
+            let problem = format!("has {} altitudes, not nz = {nz}{or_faces}", z.len());
+            return Err(self.error(line_of_z, problem));
         }
-        let columns = self.columns(names_required)?;
+        if z.len() > nz && !z.is_sorted_by(|a, b| a < b) {
+            return Err(self.error(line_of_z, "has altitudes that do not ascend"));
+        }
+        if of_shdom {
+            let (line, temperatures) = self.numbers("the temperatures")?;
+            if temperatures.len() != z.len() {
+                let problem = format!("has {} temperatures, not {}", temperatures.len(), z.len());
+                return Err(self.error(line, problem));
+            }
+        }
+        let columns = self.columns(names_required && !of_shdom)?;
         match steps[..] {
             [dx, dy] if dx > 0.0 && dy > 0.0 && dx.is_finite() && dy.is_finite() => {
-                Ok(Header { shape: [nz, ny, nx], dx, dy, z, columns })
+                Ok(Header { shape: [nz, ny, nx], dx, dy, z, columns, first: of_shdom.into() })
             }
             _ => Err(self.error(line, "does not hold two positive steps dx, dy (km)")),
         }
@@ -256,7 +286,7 @@ impl<'a> Lines<'a> {
             droplets.effective_radius[[k, j, i]] = reff;
             droplets.effective_variance[[k, j, i]] = veff;
         }
-        if !from_zero && !lines_of.is_empty() {
+        if header.first == 0 && !from_zero && !lines_of.is_empty() {
             checks.warn(
                 "no index is 0, as if the indices started at 1; they are read as starting at 0, and \
                  the cloud is one voxel off if they do not",
@@ -274,16 +304,23 @@ impl<'a> Lines<'a> {
         from_zero: bool,
     ) -> Result<[usize; 3]> {
         let [nz, ny, nx] = header.shape;
-        let index = |place: usize| number(fields[header.columns.indices[place]]).and_then(whole);
+        let index = |place: usize| {
+            let index = number(fields[header.columns.indices[place]]).and_then(whole);
+            index.and_then(|index| index.checked_sub(header.first))
+        };
         let (Some(i), Some(j), Some(k)) = (index(0), index(1), index(2)) else {
             return Err(self.error(line, "does not have whole, non-negative indices"));
         };
         if i < nx && j < ny && k < nz {
             return Ok([k, j, i]);
         }
-        let one_based = !from_zero && i.min(j).min(k) > 0 && i <= nx && j <= ny && k <= nz;
+        let one_based =
+            header.first == 0 && !from_zero && i.min(j).min(k) > 0 && i <= nx && j <= ny && k <= nz;
         let hint = if one_based { "; they seem to start at 1: subtract 1 from each" } else { "" };
-        let problem = format!("does not start with indices below {nx}, {ny}, {nz} (from 0){hint}");
+        let problem = match header.first {
+            0 => format!("does not start with indices below {nx}, {ny}, {nz} (from 0){hint}"),
+            _ => format!("does not start with indices of at most {nx}, {ny}, {nz} (from 1)"),
+        };
         Err(self.error(line, problem))
     }
 }

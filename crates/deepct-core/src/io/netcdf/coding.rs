@@ -2,7 +2,7 @@
 //! netCDF and CF conventions.
 
 use super::Variable;
-use hdf5::types::{FloatSize, TypeDescriptor};
+use super::container::Kind;
 
 /// The value that the netCDF library assigns to real numbers that were never written.
 const UNWRITTEN: f64 = 9.969_209_968_386_869e36;
@@ -24,22 +24,20 @@ pub(super) struct Coding {
 
 impl Coding {
     /// The coding that the attributes of a variable of the type `kind` declare.
-    pub(super) fn of(variable: &Variable, kind: Option<&TypeDescriptor>) -> Self {
+    pub(super) fn of(variable: &Variable, kind: &Kind) -> Self {
         let (scale, offset) = (variable.number("scale_factor"), variable.number("add_offset"));
         let packed = scale.is_some() || offset.is_some();
         let packing = packed.then(|| (scale.unwrap_or(1.0), offset.unwrap_or(0.0)));
         // Attributes may have another type than the values, so they are rounded to that type.
-        let single = matches!(kind, Some(TypeDescriptor::Float(FloatSize::U4)));
+        let single = matches!(kind, Kind::Float(4));
         let round = |number: f64| if single { f64::from(number as f32) } else { number };
         let numbers =
             |name: &str| -> Vec<f64> { variable.numbers(name).into_iter().map(round).collect() };
         let bits = match kind {
-            Some(TypeDescriptor::Integer(size) | TypeDescriptor::Unsigned(size)) => {
-                Some(8 * (*size as i32))
-            }
+            Kind::Signed(size) | Kind::Unsigned(size) => Some(8 * (*size as i32)),
             _ => None,
         };
-        let signed = matches!(kind, Some(TypeDescriptor::Integer(_)));
+        let signed = matches!(kind, Kind::Signed(_));
         let whole = |number: f64| bits.is_none() || number.fract() == 0.0;
         let fill = numbers("_FillValue");
         let mut missing = [fill.clone(), numbers("missing_value")].concat();

@@ -5,7 +5,7 @@
 #![allow(unsafe_code)]
 
 use hdf5::types::VarLenArray;
-use hdf5::{Attribute, Dataset, ObjectReference1, ReferencedObject};
+use hdf5::{Attribute, Dataset, LocationToken, ObjectReference1, ReferencedObject};
 use hdf5_sys::h5::herr_t;
 use hdf5_sys::h5i::hid_t;
 use hdf5_sys::h5t::{H5T_class_t, H5Tclose, H5Tget_class, H5Tget_super};
@@ -14,7 +14,6 @@ use std::ffi::{CString, c_char, c_uint};
 unsafe extern "C" {
     fn H5DSset_scale(scale: hid_t, name: *const c_char) -> herr_t;
     fn H5DSattach_scale(dataset: hid_t, scale: hid_t, axis: c_uint) -> herr_t;
-    fn H5DSis_scale(dataset: hid_t) -> herr_t;
 }
 
 /// Make `scale` the scale of the dimension `name`. Returns whether this succeeded.
@@ -32,23 +31,20 @@ pub(super) fn attach_scale(dataset: &Dataset, scale: &Dataset, axis: usize) -> b
     hdf5::sync::sync(|| unsafe { H5DSattach_scale(dataset.id(), scale.id(), axis as c_uint) >= 0 })
 }
 
-/// Whether `scale` is attached to an axis of `dataset`.
+/// The scales that are attached to each axis of `dataset`.
 ///
 /// Only the list of the dataset is read. `H5DSis_attached` also requires that of the scale, and fails
 /// if one of the variables in it has been deleted.
-pub(super) fn is_attached(dataset: &Dataset, scale: &Dataset, axis: usize) -> bool {
-    let Ok(list) = dataset.attr("DIMENSION_LIST") else { return false };
-    if !has_references(&list) || list.shape() != [dataset.ndim()] {
-        return false;
-    }
-    let Ok(lists) = list.read_raw::<VarLenArray<ObjectReference1>>() else { return false };
-    let Ok(own) = scale.loc_info().map(|info| info.token) else { return false };
-    let is_scale = |reference: &ObjectReference1| {
-        let object = dataset.dereference(reference);
-        matches!(object, Ok(ReferencedObject::Dataset(found))
-            if found.loc_info().is_ok_and(|info| info.token == own))
+pub(super) fn attached_scales(dataset: &Dataset) -> Vec<Vec<LocationToken>> {
+    let list = dataset.attr("DIMENSION_LIST").ok();
+    let list = list.filter(|list| has_references(list) && list.shape() == [dataset.ndim()]);
+    let lists = list.and_then(|list| list.read_raw::<VarLenArray<ObjectReference1>>().ok());
+    let token = |reference: &ObjectReference1| match dataset.dereference(reference).ok()? {
+        ReferencedObject::Dataset(scale) => scale.loc_info().ok().map(|info| info.token),
+        _ => None,
     };
-    lists.get(axis).is_some_and(|references| references.iter().any(is_scale))
+    let lists = lists.unwrap_or_default();
+    lists.iter().map(|references| references.iter().filter_map(token).collect()).collect()
 }
 
 /// Whether the values of an attribute are lists of references, as the library does not check.
@@ -65,11 +61,4 @@ fn has_references(list: &Attribute) -> bool {
         }
         refers
     })
-}
-
-/// Whether `dataset` is the scale of a dimension.
-pub(super) fn is_scale(dataset: &Dataset) -> bool {
-    // SAFETY: the identifier is open while `dataset` is borrowed, and the lock excludes other
-    // threads.
-    hdf5::sync::sync(|| unsafe { H5DSis_scale(dataset.id()) > 0 })
 }

@@ -98,6 +98,9 @@ fn checked_cloud(path: &Path, checks: &mut Checks) -> Result<Cloud> {
     let read = |name, unit| input.variable_on(name, &AXES)?.reals_3d_in::<f32>(unit);
     let (water, extinction) = (input.has("lwc"), input.has("extinction"));
     if !water && !extinction {
+        if let Some(unreadable) = input.unreadable() {
+            return Err(unreadable);
+        }
         let names = input.names().join(", ");
         let remedy = format!(
             "the file has these variables: {names}; other formats are read by `cloud import`"
@@ -351,7 +354,7 @@ fn grid_of(variable: &Variable, input: &Input) -> Result<Grid> {
 
 fn grid_from_axes(input: &Input, axes: [Variable; 3]) -> Result<Grid> {
     let shape = axes.each_ref().map(|axis| axis.shape[0]);
-    let [z, y, x] = axes.map(|axis| edge_and_spacing(&axis));
+    let [z, y, x] = axes.map(|axis| edge_and_spacing(input, &axis));
     let ((z, dz), (y, dy), (x, dx)) = (z?, y?, x?);
     Grid::new(DVec3::new(x, y, z), DVec3::new(dx, dy, dz), shape)
         .map_err(|problem| input.error("x, y, z", problem.to_string(), "write a grid in range"))

@@ -1,5 +1,6 @@
 //! Protection against HDF5 files that refer to other files, and against reading that does not end.
 
+use super::sources;
 use crate::error::{Error, Result};
 use hdf5::dataset::Layout;
 use hdf5::{Dataset, Group, LinkType};
@@ -64,11 +65,17 @@ fn external_link(group: &Group, depth: usize) -> Option<String> {
 }
 
 /// Returns an error if the values of a variable are stored in other files.
+///
+/// Where other files are allowed, returns an error if one of them is missing: the HDF5 library reads
+/// zeros in its place.
 pub(super) fn check_storage(path: &Path, name: &str, dataset: &Dataset) -> Result<()> {
-    if EXTERNAL.load(Ordering::Relaxed) {
-        return Ok(());
-    }
     let Ok(properties) = dataset.dcpl() else { return Ok(()) };
+    if EXTERNAL.load(Ordering::Relaxed) {
+        return match properties.layout() {
+            Layout::Virtual => sources::check(path, name, dataset),
+            _ => Ok(()),
+        };
+    }
     if properties.layout() == Layout::Virtual {
         return Err(refused(path, name, "is a virtual data set, which refers to other files"));
     }

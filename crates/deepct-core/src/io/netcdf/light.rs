@@ -93,8 +93,8 @@ pub(super) fn get_light(input: &Input) -> Result<(Light, Vec<String>)> {
     for (name, key, unit, ..) in VARIABLES {
         // The irradiance has the unit of the radiances times sr, whichever that is.
         let number = match name {
-            "sun_irradiance" => input.variable_on(name, &[])?.reals::<f64>()?.sum(),
-            _ => input.scalar(name, unit)?,
+            "sun_irradiance" => input.scalar(name, None)?,
+            _ => input.scalar(name, Some(unit))?,
         };
         values.insert(key.to_owned(), toml::Value::Float(number));
     }

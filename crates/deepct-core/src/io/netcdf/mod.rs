@@ -1,25 +1,30 @@
 //! The file formats of deepct: HDF5 files that are also netCDF-4 with CF attributes.
 
 mod axis;
+mod classic;
 mod coding;
+mod container;
 mod creation;
 mod dimension;
 mod field;
 mod guard;
+mod hdf5_file;
 mod light;
 mod observation;
 mod read;
 mod reconstruction;
 mod reference;
 mod sample;
+mod sources;
 mod write;
 
-pub(crate) use axis::{edge_and_spacing, kilometres};
+pub(crate) use axis::{bounds, coordinates, coordinates_at, edge_and_spacing, first_and_spacing};
 pub use field::{
     read_cloud, read_estimate, read_grid, read_implausible_cloud, read_mask, read_volume,
     write_cloud, write_estimate, write_mask, write_volume,
 };
 pub use guard::{allow_external_files, endless_reading};
+pub(crate) use hdf5_file::is_hdf5;
 pub use light::read_light;
 pub use observation::{read_observation, write_observation};
 pub(crate) use read::{Input, Variable};

@@ -311,7 +311,7 @@ fn pixel_numbers(input: &Input, name: &str, count: usize) -> Result<[f64; 2]> {
     if !input.has(name) {
         return Ok([0.0, last]);
     }
-    let numbers = input.variable_on(name, &[name])?.integers_or_reals()?;
+    let numbers: ArrayD<f64> = input.variable_on(name, &[name])?.reals()?;
     check_count(input, name, numbers.len(), count)?;
     let numbers: Vec<f64> = numbers.into_iter().collect();
     let ends = [numbers[0], numbers[count - 1]];
@@ -342,7 +342,7 @@ fn read_views(
         let values = values.into_raw_vec_and_offset().0;
         Ok(values.chunks_exact(3).map(DVec3::from_slice).collect())
     };
-    let projection = input.variable_on("projection", &["view"])?.integers_or_reals()?;
+    let projection: ArrayD<f64> = input.variable_on("projection", &["view"])?.reals()?;
     check_count(input, "projection", projection.len(), count)?;
     let (position, direction) =
         (vectors("camera_position", "km")?, vectors("camera_direction", "1")?);

@@ -1,21 +1,17 @@
-//! Reading of netCDF-4 and HDF5 files. The size, dimensions and data type of every variable are
+//! Reading of netCDF files of all formats. The size, dimensions and data type of every variable are
 //! checked before its values are read.
 
+use super::MAX_VALUES;
 use super::coding::Coding;
-use super::guard::{self, Reading};
-use super::{MAX_VALUES, dimension, reason};
+use super::container::{Attribute, Container, Kind, Real, Stored};
+use super::guard::Reading;
 use crate::error::{Error, Result};
 use crate::io::units::Unit;
 use crate::memory;
-use hdf5::types::{FixedAscii, FixedUnicode, TypeDescriptor, VarLenAscii, VarLenUnicode};
-use hdf5::{Dataset, H5Type, Hyperslab, Location, SliceOrIndex};
 use ndarray::{Array3, ArrayD, Ix3};
 use std::collections::BTreeMap;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
-
-/// Maximum length of a text attribute of fixed length (bytes).
-const LONGEST_TEXT: usize = 4096;
 
 /// Ratio of the size of the values to that of the file above which the values cannot have been
 /// written: deflate compresses by at most 1032. Small variables are not checked.
@@ -29,49 +25,26 @@ pub(crate) struct Input {
     units: BTreeMap<String, String>,
     /// Size of the file (bytes).
     bytes: f64,
-    file: hdf5::File,
-    scales: Vec<(String, Dataset)>,
+    container: Container,
 }
 
 /// A variable of an [`Input`].
 pub(crate) struct Variable<'a> {
     input: &'a Input,
-    /// The name in the file.
+    /// The name in the file, after the path of its group.
     pub(crate) name: String,
     /// The length along each axis.
     pub(crate) shape: Vec<usize>,
-    dataset: Dataset,
-}
-
-/// A floating-point type to which HDF5 converts values.
-pub(crate) trait Real: H5Type + Copy {
-    fn from_f64(value: f64) -> Self;
-    fn to_f64(self) -> f64;
-}
-
-impl Real for f32 {
-    fn from_f64(value: f64) -> Self {
-        value as Self
-    }
-    fn to_f64(self) -> f64 {
-        f64::from(self)
-    }
-}
-
-impl Real for f64 {
-    fn from_f64(value: f64) -> Self {
-        value
-    }
-    fn to_f64(self) -> f64 {
-        self
-    }
+    /// The name of the dimension along each axis, where the file specifies it.
+    dimensions: Vec<Option<String>>,
+    stored: Stored<'a>,
 }
 
 impl Input {
     /// Open a file.
     ///
     /// # Errors
-    /// Returns an error if the file does not exist, is not HDF5, or is truncated.
+    /// Returns an error if the file does not exist, is of another format, or is truncated.
     pub(crate) fn open(path: &Path) -> Result<Self> {
         let unusable = |problem: &str, remedy: &str| Error::file(path, "file", problem, remedy);
         if !path.exists() {
@@ -80,26 +53,8 @@ impl Input {
         crate::files::check_regular(path)?;
         let bytes = std::fs::metadata(path).map_err(Error::io(path))?.len() as f64;
         let _reading = Reading::start(path, bytes);
-        let file = hdf5::File::open(path).map_err(|_| match first_bytes(path).as_slice() {
-            b"\x89HDF\r\n\x1a\n" => unusable(
-                "is truncated or damaged",
-                "copy it again from its source, or write it again",
-            ),
-            [b'C', b'D', b'F', ..] => {
-                unusable("is netCDF-3", "convert it to netCDF-4 with `nccopy -k nc4`")
-            }
-            _ => unusable("is not an HDF5 or netCDF-4 file", "give a file of that format"),
-        })?;
-        guard::check_links(path, &file)?;
-        let datasets = file.datasets().map_err(|_| {
-            unusable("is damaged: its contents cannot be listed", "copy it again from its source")
-        })?;
-        let scales = datasets
-            .into_iter()
-            .filter(dimension::is_scale)
-            .map(|scale| (leaf(&scale.name()), scale))
-            .collect();
-        Ok(Self { path: path.into(), units: BTreeMap::new(), bytes, file, scales })
+        let container = Container::open(path)?;
+        Ok(Self { path: path.into(), units: BTreeMap::new(), bytes, container })
     }
 
     /// The same file with units that replace those of its variables.
@@ -123,30 +78,52 @@ impl Input {
         Error::file(&self.path, field, problem, remedy)
     }
 
-    /// The names of the variables in alphabetical order.
+    /// The names of the variables in alphabetical order, after the path of their group.
     pub(crate) fn names(&self) -> Vec<String> {
-        let datasets = self.file.datasets().unwrap_or_default();
-        let mut names: Vec<_> = datasets.iter().map(|dataset| leaf(&dataset.name())).collect();
-        names.sort();
-        names
+        self.container.names()
     }
 
     /// Whether the file has a variable with this name.
     pub(crate) fn has(&self, name: &str) -> bool {
-        self.file.dataset(name).is_ok()
+        !matches!(self.container.variable(name), Ok(None))
     }
 
     /// A variable of any shape.
     ///
     /// # Errors
-    /// Returns an error if the file has no variable with this name.
+    /// Returns an error if the file has no variable with this name, or if it cannot be opened.
     pub(crate) fn variable(&self, name: &str) -> Result<Variable<'_>> {
-        let dataset = self.file.dataset(name).map_err(|_| {
-            let names = self.names().join(", ");
-            self.error(name, "is missing", &format!("the file has these variables: {names}"))
-        })?;
-        guard::check_storage(&self.path, name, &dataset)?;
-        Ok(Variable { input: self, name: name.into(), shape: dataset.shape(), dataset })
+        let _reading = Reading::start(&self.path, 0.0);
+        let Some(stored) = self.container.variable(name)? else {
+            return Err(self.unreadable().unwrap_or_else(|| {
+                let names = self.names().join(", ");
+                self.error(name, "is missing", &format!("the file has these variables: {names}"))
+            }));
+        };
+        let name = name.trim_start_matches('/').to_owned();
+        let dimensions = self.container.dimensions(&name, stored);
+        Ok(Variable { input: self, shape: stored.shape(), dimensions, name, stored })
+    }
+
+    /// An error about a variable that the file has, but that cannot be opened.
+    pub(crate) fn unreadable(&self) -> Option<Error> {
+        self.container.unreadable()
+    }
+
+    /// The text of an attribute of the file.
+    pub(crate) fn text(&self, name: &str) -> Option<String> {
+        match self.container.attribute("/", name)? {
+            Attribute::Text(text) => Some(text),
+            Attribute::Numbers(..) => None,
+        }
+    }
+
+    /// The number in an attribute of the file.
+    pub(crate) fn number(&self, name: &str) -> Option<f64> {
+        match self.container.attribute("/", name)? {
+            Attribute::Numbers(numbers, _) if numbers.len() == 1 => Some(numbers[0]),
+            _ => None,
+        }
     }
 
     /// A variable on the given dimensions, in this order.
@@ -164,16 +141,32 @@ impl Input {
     /// # Errors
     /// Returns an error if there is no such group or if it has no such attribute.
     pub(crate) fn group_numbers(&self, group: &str, attribute: &str) -> Result<Vec<f64>> {
-        let numbers = self.file.group(group).and_then(|group| group.attr(attribute)?.read_raw());
-        numbers.map_err(|_| {
-            self.error(group, format!("has no {attribute}"), "give a group with that attribute")
-        })
+        match self.container.attribute(group, attribute) {
+            Some(Attribute::Numbers(numbers, _)) => Ok(numbers),
+            _ => {
+                let problem = format!("has no {attribute}");
+                Err(self.error(group, problem, "give a group with that attribute"))
+            }
+        }
     }
 
-    /// The value of a scalar variable, converted to `unit`.
-    pub(crate) fn scalar(&self, name: &str, unit: &str) -> Result<f64> {
-        let values: ArrayD<f64> = self.variable_on(name, &[])?.reals_of_layout(unit)?;
-        Ok(values.into_raw_vec_and_offset().0[0])
+    /// The value of a scalar variable, or the only value of an array, converted to `unit`
+    /// unless that is `None`.
+    pub(crate) fn scalar(&self, name: &str, unit: Option<&str>) -> Result<f64> {
+        let variable = self.variable(name)?;
+        let values: ArrayD<f64> = match unit {
+            Some(unit) => variable.reals_of_layout(unit)?,
+            None => variable.reals()?,
+        };
+        let values = values.into_raw_vec_and_offset().0;
+        // Programs that join images give a number for each of them.
+        match values.iter().find(|value| value.to_bits() != values[0].to_bits()) {
+            None => Ok(values[0]),
+            Some(other) => {
+                let problem = format!("is {} and {other}", values[0]);
+                Err(variable.error(problem, "write one number that applies to all views"))
+            }
+        }
     }
 }
 
@@ -185,13 +178,7 @@ impl Variable<'_> {
 
     /// The name of the dimension along an axis, if the file specifies it.
     pub(crate) fn dimension(&self, axis: usize) -> Option<&str> {
-        if self.shape.len() == 1 && self.input.scales.iter().any(|(name, _)| *name == self.name) {
-            return Some(&self.name);
-        }
-        let mut scales = self.input.scales.iter();
-        scales
-            .find(|(_, scale)| dimension::is_attached(&self.dataset, scale, axis))
-            .map(|(name, _)| name.as_str())
+        self.dimensions.get(axis)?.as_deref()
     }
 
     /// Returns an error unless the axes have the given names in this order. An axis without a
@@ -216,7 +203,10 @@ impl Variable<'_> {
     /// The value of a text attribute.
     pub(crate) fn text(&self, name: &str) -> Option<String> {
         let _reading = self.reading();
-        text_attribute(&self.dataset, name)
+        match self.stored.attribute(name)? {
+            Attribute::Text(text) => Some(text),
+            Attribute::Numbers(..) => None,
+        }
     }
 
     /// The value of a numeric attribute.
@@ -235,22 +225,19 @@ impl Variable<'_> {
     /// The names of its attributes.
     pub(crate) fn attributes(&self) -> Vec<String> {
         let _reading = self.reading();
-        self.dataset.attr_names().unwrap_or_default()
+        self.stored.attributes()
     }
 
     /// The numbers in an attribute, also if they are written as text.
     pub(super) fn numbers(&self, name: &str) -> Vec<f64> {
         let _reading = self.reading();
-        let Ok(attribute) = self.dataset.attr(name) else { return Vec::new() };
-        match attribute.dtype().and_then(|kind| kind.to_descriptor()) {
-            Ok(
-                TypeDescriptor::Float(_) | TypeDescriptor::Integer(_) | TypeDescriptor::Unsigned(_),
-            ) if attribute.size() <= LONGEST_TEXT => attribute.read_raw().unwrap_or_default(),
-            _ => self
-                .text(name)
-                .and_then(|text| text.trim_end_matches(['f', 'F', 'd', 'D', 's', 'b']).parse().ok())
-                .into_iter()
-                .collect(),
+        match self.stored.attribute(name) {
+            Some(Attribute::Numbers(numbers, _)) => numbers,
+            Some(Attribute::Text(text)) => {
+                let number = text.trim_end_matches(['f', 'F', 'd', 'D', 's', 'b']).parse().ok();
+                number.into_iter().collect()
+            }
+            None => Vec::new(),
         }
     }
 
@@ -351,42 +338,30 @@ impl Variable<'_> {
         missing: f64,
     ) -> Result<ArrayD<T>> {
         self.check_size(ranges)?;
-        let kind = self.kind();
-        let coding = Coding::of(self, kind.as_ref().ok());
+        let kind = self.stored.kind();
+        let coding = Coding::of(self, &kind);
         let value = |stored: f64| {
             T::from_f64(coding.decode(stored).map_or(missing, |value| value * factor))
         };
         match kind {
-            Ok(TypeDescriptor::Float(_)) if coding.packing.is_none() => {
+            Kind::Float(_) if coding.packing.is_none() => {
                 let mut values: ArrayD<T> = self.fetch(ranges)?;
                 values.mapv_inplace(|stored| value(stored.to_f64()));
                 Ok(values)
             }
-            Ok(TypeDescriptor::Integer(_) | TypeDescriptor::Unsigned(_))
-                if coding.packing.is_none() =>
-            {
-                Err(self.wrong_kind(kind, "real numbers"))
+            Kind::Signed(_) | Kind::Unsigned(_) if coding.packing.is_none() && !self.is_axis() => {
+                Err(self.wrong_kind(&kind, "real numbers"))
             }
-            Ok(
-                TypeDescriptor::Float(_) | TypeDescriptor::Integer(_) | TypeDescriptor::Unsigned(_),
-            ) => Ok(self.fetch::<f64>(ranges)?.mapv(value)),
-            kind => Err(self.wrong_kind(kind, "real numbers")),
+            Kind::Float(_) | Kind::Signed(_) | Kind::Unsigned(_) => {
+                Ok(self.fetch::<f64>(ranges)?.mapv(value))
+            }
+            _ => Err(self.wrong_kind(&kind, "real numbers")),
         }
     }
 
-    /// All values of a variable that may have integers, such as the numbers of pixels.
-    ///
-    /// # Errors
-    /// As [`Variable::values_at`].
-    pub(crate) fn integers_or_reals(&self) -> Result<ArrayD<f64>> {
-        match self.kind() {
-            Ok(TypeDescriptor::Integer(_) | TypeDescriptor::Unsigned(_)) => {
-                let all = self.everything();
-                self.check_size(&all)?;
-                self.fetch(&all)
-            }
-            _ => self.reals(),
-        }
+    /// Whether this is the coordinate of a dimension, which may consist of integers.
+    fn is_axis(&self) -> bool {
+        self.shape.len() <= 1
     }
 
     /// All values as booleans: 1 is true and 0 is false.
@@ -396,13 +371,20 @@ impl Variable<'_> {
     pub(crate) fn flags(&self) -> Result<ArrayD<bool>> {
         let all = self.everything();
         self.check_size(&all)?;
-        let numbers: ArrayD<i64> = match self.kind() {
-            Ok(TypeDescriptor::Boolean) => return self.fetch(&all),
-            Ok(TypeDescriptor::Integer(_) | TypeDescriptor::Unsigned(_)) => self.fetch(&all)?,
-            kind => return Err(self.wrong_kind(kind, "integers 0 and 1")),
+        let numbers: ArrayD<f64> = match self.stored.kind() {
+            Kind::Boolean => {
+                let _reading = self.reading();
+                return self
+                    .stored
+                    .read_boolean()
+                    .map_err(|(problem, remedy)| self.error(problem, &remedy));
+            }
+            // Some programs convert masks to real numbers.
+            Kind::Signed(_) | Kind::Unsigned(_) | Kind::Float(_) => self.fetch(&all)?,
+            kind => return Err(self.wrong_kind(&kind, "numbers 0 and 1")),
         };
-        match numbers.iter().find(|number| !(0..=1).contains(*number)) {
-            None => Ok(numbers.mapv(|number| number == 1)),
+        match numbers.iter().find(|number| **number != 0.0 && **number != 1.0) {
+            None => Ok(numbers.mapv(|number| number == 1.0)),
             Some(number) => {
                 Err(self.error(format!("holds {number}"), "a mask is 1 inside and 0 outside"))
             }
@@ -435,92 +417,25 @@ impl Variable<'_> {
 
     /// Whether an attribute holds real numbers rather than integers.
     pub(super) fn is_real(&self, name: &str) -> bool {
-        let kind = self.dataset.attr(name).and_then(|attribute| attribute.dtype()?.to_descriptor());
-        matches!(kind, Ok(TypeDescriptor::Float(_)))
+        matches!(self.stored.attribute(name), Some(Attribute::Numbers(_, true)))
     }
 
-    fn kind(&self) -> hdf5::Result<TypeDescriptor> {
-        self.dataset.dtype()?.to_descriptor()
-    }
-
-    fn wrong_kind(&self, found: hdf5::Result<TypeDescriptor>, expected: &str) -> Error {
-        let found = found.map_or_else(|_| "unsupported".into(), |kind| kind.to_string());
+    fn wrong_kind(&self, found: &Kind, expected: &str) -> Error {
+        let found = match found {
+            Kind::Float(size) => format!("float{}", 8 * size),
+            Kind::Signed(size) => format!("int{}", 8 * size),
+            Kind::Unsigned(size) => format!("uint{}", 8 * size),
+            Kind::Boolean => "bool".into(),
+            Kind::Other(text) => text.clone(),
+        };
         self.error(
             format!("has values of type {found}, but {expected} are expected"),
             "write it with this type (integers represent real numbers only with scale_factor)",
         )
     }
 
-    fn fetch<T: H5Type>(&self, ranges: &[Range<usize>]) -> Result<ArrayD<T>> {
+    fn fetch<T: Real>(&self, ranges: &[Range<usize>]) -> Result<ArrayD<T>> {
         let _reading = self.reading();
-        let unreadable = |problem: hdf5::Error| {
-            self.error(
-                format!("cannot be read: {}", reason(&problem.to_string())),
-                "the file is truncated, damaged or compressed by a filter other than deflate; \
-                 copy it again or write it again",
-            )
-        };
-        if self.shape.is_empty() {
-            return self.dataset.read_dyn().map_err(unreadable);
-        }
-        let slab: Vec<_> = ranges
-            .iter()
-            .map(|range| SliceOrIndex::SliceCount {
-                start: range.start,
-                step: 1,
-                count: range.len(),
-                block: 1,
-            })
-            .collect();
-        self.dataset.read_slice::<T, _, ndarray::IxDyn>(Hyperslab::from(slab)).map_err(unreadable)
+        self.stored.read(ranges).map_err(|(problem, remedy)| self.error(problem, &remedy))
     }
-}
-
-/// The value of a text attribute. HDF5 does not convert between the four string types, so each
-/// is read with its own type.
-fn text_attribute(on: &Location, name: &str) -> Option<String> {
-    let attribute = on.attr(name).ok()?;
-    if attribute.size() != 1 {
-        return None;
-    }
-    let text = match attribute.dtype().ok()?.to_descriptor().ok()? {
-        TypeDescriptor::FixedAscii(length) if length <= LONGEST_TEXT => {
-            decoded(attribute.read_raw::<FixedAscii<LONGEST_TEXT>>().ok()?[0].as_bytes())
-        }
-        TypeDescriptor::FixedUnicode(length) if length <= LONGEST_TEXT => {
-            decoded(attribute.read_raw::<FixedUnicode<LONGEST_TEXT>>().ok()?[0].as_bytes())
-        }
-        TypeDescriptor::VarLenAscii => {
-            decoded(attribute.read_raw::<VarLenAscii>().ok()?[0].as_bytes())
-        }
-        TypeDescriptor::VarLenUnicode => {
-            decoded(attribute.read_raw::<VarLenUnicode>().ok()?[0].as_bytes())
-        }
-        _ => return None,
-    };
-    Some(text.trim().to_owned())
-}
-
-/// Text in UTF-8 or, if it is none, in Latin-1, in which older programs write the micro sign. HDF5
-/// does not check what a file declares as UTF-8.
-fn decoded(bytes: &[u8]) -> String {
-    match std::str::from_utf8(bytes) {
-        Ok(text) => text.to_owned(),
-        Err(_) => bytes.iter().map(|&byte| char::from(byte)).collect(),
-    }
-}
-
-/// The last part of an HDF5 path.
-fn leaf(name: &str) -> String {
-    name.rsplit('/').next().unwrap_or(name).to_owned()
-}
-
-fn first_bytes(path: &Path) -> Vec<u8> {
-    use std::io::Read;
-    let mut bytes = Vec::new();
-    if let Ok(file) = std::fs::File::open(path) {
-        // A file that is too short is not HDF5 either.
-        let _ = file.take(8).read_to_end(&mut bytes);
-    }
-    bytes
 }

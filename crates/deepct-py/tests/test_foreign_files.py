@@ -1,0 +1,160 @@
+"""Files in deepct's own layout that other programs wrote, converted or joined."""
+
+import subprocess
+
+import h5py
+import netCDF4
+import numpy as np
+import pytest
+import xarray as xr
+
+FORMATS = ["NETCDF3_CLASSIC", "NETCDF3_64BIT_OFFSET", "NETCDF3_64BIT_DATA", "NETCDF4_CLASSIC"]
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory, command_line):
+    """A cloud, its images and their mask."""
+    folder = tmp_path_factory.mktemp("own")
+    paths = {name: folder / f"{name}.nc" for name in ("cloud", "images", "mask")}
+    command_line("cloud", "generate", "--seed", 4, "--set", "width_km=0.6", "--out", paths["cloud"])
+    render = ("render", paths["cloud"], "--views", "cloudct-10", "--samples", 4)
+    command_line(*render, "--out", paths["images"])
+    command_line("carve", paths["images"], "--grid", paths["cloud"], "--out", paths["mask"])
+    return paths
+
+
+def refusal(run, *arguments):
+    with pytest.raises(subprocess.CalledProcessError) as failure:
+        run(*arguments)
+    assert failure.value.returncode == 2
+    line = failure.value.stderr.rstrip("\n")
+    assert "\n" not in line, line
+    return line
+
+
+def values(path, name):
+    with h5py.File(path) as file:
+        return file[name][...]
+
+
+def convert(source, target, format):
+    with xr.open_dataset(source, decode_cf=False) as dataset:
+        dataset.load().to_netcdf(target, format=format, engine="netcdf4")
+
+
+@pytest.mark.parametrize("format", FORMATS)
+def test_the_classic_formats(files, tmp_path, command_line, format):
+    """A cloud, images and a mask in another format give the same answers."""
+    for name, path in files.items():
+        convert(path, tmp_path / f"{name}.nc", format)
+    scores = command_line("score", "--truth", files["cloud"], tmp_path / "cloud.nc", "--json")
+    assert '"relative_error": 0.0' in scores or '"relative_error":0.0' in scores
+    carve = ("carve", tmp_path / "images.nc", "--grid", tmp_path / "mask.nc")
+    command_line(*carve, "--out", tmp_path / "again.nc")
+    assert np.array_equal(values(tmp_path / "again.nc", "mask"), values(files["mask"], "mask"))
+
+
+@pytest.mark.parametrize("length", [3, 40, 400])
+def test_a_truncated_classic_file(files, tmp_path, command_line, length):
+    path = tmp_path / "cut.nc"
+    convert(files["cloud"], path, "NETCDF3_CLASSIC")
+    whole = path.read_bytes()
+    for size in (length, len(whole) - length):
+        path.write_bytes(whole[:size])
+        line = refusal(command_line, "plot", path, "--out", tmp_path / "plot.png")
+        assert "damaged" in line or "not an HDF5 or netCDF file" in line
+
+
+def field(path, shape=(32, 4, 5), spacing=(0.04, 0.05, 0.05), scale=1.0, units="km"):
+    """An extinction of 1 per km with the attributes of deepct's grids."""
+    with netCDF4.Dataset(path, "w") as file:
+        for name, count, step in zip("zyx", shape, spacing):
+            file.createDimension(name, count)
+            axis = file.createVariable(name, "f8", (name,))
+            axis[:] = scale * (np.arange(count) + 0.5) * step
+            axis.units, axis.lower_edge, axis.spacing = units, 0.0, step
+        extinction = file.createVariable("extinction", "f4", ("z", "y", "x"))
+        extinction.units = "km-1"
+        extinction[:] = 1.0
+    return path
+
+
+def test_attributes_that_contradict_a_single_level_are_refused(tmp_path, command_line):
+    path = tmp_path / "field.nc"
+    score = ("score", "--truth", path, path)
+    with xr.open_dataset(field(path)) as whole:
+        whole = whole.load()
+    averaged = whole.coarsen(z=32).mean()
+    averaged["z"].attrs = whole["z"].attrs
+    averaged.to_netcdf(path)
+    assert "has the attribute `lower_edge` = 0" in refusal(command_line, *score)
+    cut = whole.isel(z=[5])
+    cut.to_netcdf(path)
+    command_line(*score)
+    # Metres, with the attributes of kilometres.
+    cut = cut.assign_coords(z=("z", 1e3 * cut["z"].values, {**cut["z"].attrs, "units": "m"}))
+    cut.to_netcdf(path)
+    assert "has the attribute `lower_edge` = 0" in refusal(command_line, *score)
+
+
+def test_bounds_give_the_size_of_a_single_level(tmp_path, command_line):
+    path = tmp_path / "field.nc"
+    field(path, (1, 4, 5), (1.28, 0.05, 0.05))
+    with netCDF4.Dataset(path, "a") as file:
+        for name in ("lower_edge", "spacing"):
+            file["z"].delncattr(name)
+        file["z"].bounds = "z_bnds"
+        file.createDimension("two", 2)
+        file.createVariable("z_bnds", "f8", ("z", "two"))[:] = [[0.0, 1.28]]
+    command_line("cloud", "import", path, "--spacing", "file", "--out", tmp_path / "out.nc")
+    with h5py.File(tmp_path / "out.nc") as file:
+        assert file["z"].attrs["spacing"] == pytest.approx(1.28)
+        assert file["z"].attrs["lower_edge"] == 0.0
+    with netCDF4.Dataset(path, "a") as file:
+        file["z"].spacing = 0.04
+    line = refusal(command_line, "score", "--truth", path, path)
+    assert "has the attribute `spacing` = 0.04, but its cell is 1.28 wide" in line
+
+
+def test_averaged_and_converted_levels_follow_from_their_values(tmp_path, command_line):
+    """Several values are unambiguous, whatever their attributes say."""
+    path = tmp_path / "field.nc"
+    with xr.open_dataset(field(path)) as whole:
+        averaged = whole.load().coarsen(z=2).mean()
+        averaged["z"].attrs = whole["z"].attrs
+    averaged.to_netcdf(path)
+    expected = field(tmp_path / "expected.nc", (16, 4, 5), (0.08, 0.05, 0.05))
+    command_line("score", "--truth", expected, path)
+    metres = field(tmp_path / "metres.nc", scale=1e3, units="m")
+    command_line("score", "--truth", field(tmp_path / "km.nc"), metres)
+
+
+def test_images_joined_by_xarray(files, tmp_path, command_line):
+    """The Sun becomes one number for each view."""
+    with xr.open_dataset(files["images"]) as images:
+        images = images.load()
+    views = [images.isel(view=[view]) for view in range(images.sizes["view"])]
+    joined = xr.concat(views, dim="view", data_vars="all")
+    assert joined["sun_zenith_deg"].dims == ("view",)
+    joined.to_netcdf(tmp_path / "joined.nc")
+    carve = ("--grid", files["cloud"], "--out", tmp_path / "mask.nc")
+    command_line("carve", tmp_path / "joined.nc", *carve)
+    assert np.array_equal(values(tmp_path / "mask.nc", "mask"), values(files["mask"], "mask"))
+    joined["sun_zenith_deg"][1] += 10.0
+    joined.to_netcdf(tmp_path / "two_suns.nc")
+    line = refusal(command_line, "carve", tmp_path / "two_suns.nc", *carve)
+    assert "sun_zenith_deg: is 30 and 40" in line
+
+
+def test_masks_of_real_numbers(files, tmp_path, command_line):
+    """CDO converts masks to real numbers."""
+    with xr.open_dataset(files["mask"]) as mask:
+        mask = mask.load()
+    mask["mask"] = mask["mask"].astype("f4")
+    mask["mask"].attrs.pop("flag_values", None)
+    mask.to_netcdf(tmp_path / "real.nc")
+    infer = ("infer", files["images"], "--weights", "cloudct-10", "--out", tmp_path / "volume.nc")
+    command_line(*infer, "--mask", tmp_path / "real.nc")
+    mask["mask"][0, 0, 0] = 0.5
+    mask.to_netcdf(tmp_path / "half.nc")
+    assert "holds 0.5" in refusal(command_line, *infer, "--mask", tmp_path / "half.nc")
