@@ -27,7 +27,7 @@ fn main() -> Result<()> {
     let views = Formation::cloudct_10().views(grid.center(), [32, 32])?;
     let settings = MonteCarloSettings { samples_per_pixel: 32, ..Default::default() };
     let rendering = render(&scene, &views, &Solver::MonteCarlo(settings), &())?;
-    let sensed = sense(&rendering.images, &Sensor::CMV4000, Scale::BrightestAtFullWell, 1)?;
+    let sensed = sense(&rendering.images, None, &Sensor::CMV4000, Scale::BrightestAtFullWell, 1)?;
     let observation = Observation::new(scene.sun, views, sensed.images)?;
 
     println!("agreement  threshold   kept  extinction missed  false positive");
@@ -37,7 +37,7 @@ fn main() -> Result<()> {
         let scores = score_mask(&cloud, &carved.mask)?;
         println!(
             "{agreement:9.1}  {:9.4}  {:5.3}  {:17.4}  {:14.3}",
-            carved.threshold, scores.kept, scores.extinction_missed, scores.false_positive
+            carved.thresholds[0], scores.kept, scores.extinction_missed, scores.false_positive
         );
     }
     Ok(())

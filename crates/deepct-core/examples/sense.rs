@@ -14,7 +14,7 @@ fn main() -> Result<()> {
     for electrons in [135.0, 1350.0, 6750.0, 12_000.0] {
         let even = ViewStack::new(Array3::from_elem((1, 256, 256), electrons as f32))?;
         // A radiance of 1 corresponds to one electron here.
-        let sensed = sense(&even, &sensor, Scale::ElectronsPerRadiance(1.0), 7)?;
+        let sensed = sense(&even, None, &sensor, Scale::ElectronsPerRadiance(1.0), 7)?;
         let square = |value: &f32| (f64::from(*value) - electrons).powi(2);
         let pixels = sensed.images.values.len() as f64;
         let measured = (sensed.images.values.iter().map(square).sum::<f64>() / pixels).sqrt();

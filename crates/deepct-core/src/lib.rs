@@ -28,7 +28,7 @@
 //! let scene = light.scene(&cloud)?;
 //! let views = Formation::cloudct_10().views(cloud.grid.center(), [32, 32])?;
 //! let radiance = render(&scene, &views, &Solver::default(), &())?.images;
-//! let noisy = sense(&radiance, &Sensor::CMV4000, Scale::BrightestAtFullWell, seed)?.images;
+//! let noisy = sense(&radiance, None, &Sensor::CMV4000, Scale::BrightestAtFullWell, seed)?.images;
 //!
 //! let observation = Observation::new(light, views, noisy)?;
 //! let mask = carve(&observation, &cloud.grid, &CarveSettings::default())?.mask;

@@ -50,9 +50,9 @@ pub struct Sensor {
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub enum Scale {
-    /// The brightest pixel of all views reaches the full well, as in the paper. [`expose`] subtracts
-    /// twice the standard error of each pixel first, if it is known: single noisy pixels of a quick
-    /// rendering do not set the exposure.
+    /// The brightest pixel of all views reaches the full well, as in the paper. Twice the
+    /// standard error of each pixel is subtracted first, if it is known: single noisy pixels of a
+    /// quick rendering do not set the exposure.
     BrightestAtFullWell,
     /// Number of electrons for a radiance of 1/sr.
     ElectronsPerRadiance(f64),
@@ -82,14 +82,7 @@ impl Sensed {
     /// A `before` whose shape differs from that of the images.
     pub fn standard_error(&self, before: Option<&ViewStack>) -> Result<ViewStack> {
         let Some(before) = before else { return Ok(self.noise.clone()) };
-        if before.shape() != self.noise.shape() {
-            return Err(Error::mismatch(
-                "shape [view, row, col] of the standard error",
-                format!("{:?}", self.noise.shape()),
-                format!("{:?}", before.shape()),
-                "give the error of the images that were sensed",
-            ));
-        }
+        check_shape(&self.noise, before)?;
         let both = ndarray::Zip::from(&self.noise.values)
             .and(&before.values)
             .map_collect(|noise, before| noise.hypot(*before));
@@ -218,36 +211,33 @@ pub struct Exposure {
 /// # Errors
 /// As [`sense`].
 pub fn expose(clean: &Observation, sensor: &Sensor, scale: Scale, seed: u64) -> Result<Exposure> {
-    let scale = match (scale, &clean.standard_error) {
-        (Scale::BrightestAtFullWell, Some(errors)) => {
-            let pixels = clean.images.values.iter().zip(&errors.values);
-            let certain = pixels.map(|(radiance, error)| radiance - DOUBT * error);
-            let brightest = f64::from(certain.fold(f32::NEG_INFINITY, f32::max));
-            if brightest > 0.0 {
-                Scale::ElectronsPerRadiance(sensor.full_well / brightest)
-            } else {
-                scale
-            }
-        }
-        (scale, _) => scale,
-    };
-    let sensed = sense(&clean.images, sensor, scale, seed)?;
+    let sensed = sense(&clean.images, clean.standard_error.as_ref(), sensor, scale, seed)?;
     let standard_error = Some(sensed.standard_error(clean.standard_error.as_ref())?);
     let observation = Observation { images: sensed.images, standard_error, ..clean.clone() };
     let observation = observation.with_saturated(sensed.saturated)?;
     Ok(Exposure { observation, electrons_per_radiance: sensed.electrons_per_radiance })
 }
 
-/// Applies `sensor` to images without noise. The result depends on `seed` and not on the number of
+/// Applies `sensor` to images without noise. Their `standard_error` (1/sr), if it is known, tells which
+/// pixels may set the exposure. The result depends on `seed` and not on the number of
 /// threads.
 ///
 /// # Errors
 /// A negative radiance, images without light if the brightest pixel defines the scale, a scale that
 /// is not positive, a sensor that fails [`Sensor::check`].
-pub fn sense(images: &ViewStack, sensor: &Sensor, scale: Scale, seed: u64) -> Result<Sensed> {
+pub fn sense(
+    images: &ViewStack,
+    standard_error: Option<&ViewStack>,
+    sensor: &Sensor,
+    scale: Scale,
+    seed: u64,
+) -> Result<Sensed> {
     sensor.check()?;
     check_radiance(images)?;
-    let electrons_per_radiance = electrons_per_radiance(images, sensor, scale)?;
+    if let Some(errors) = standard_error {
+        check_shape(images, errors)?;
+    }
+    let electrons_per_radiance = electrons_per_radiance(images, standard_error, sensor, scale)?;
     let read_noise = Normal::new(0.0, sensor.read_noise).map_err(|problem| {
         Error::out_of_range("read_noise", sensor.read_noise, problem.to_string())
     })?;
@@ -273,7 +263,12 @@ pub fn sense(images: &ViewStack, sensor: &Sensor, scale: Scale, seed: u64) -> Re
     Ok(Sensed { images, noise, saturated, electrons_per_radiance })
 }
 
-fn electrons_per_radiance(images: &ViewStack, sensor: &Sensor, scale: Scale) -> Result<f64> {
+fn electrons_per_radiance(
+    images: &ViewStack,
+    standard_error: Option<&ViewStack>,
+    sensor: &Sensor,
+    scale: Scale,
+) -> Result<f64> {
     match scale {
         Scale::ElectronsPerRadiance(factor) => {
             // The largest radiance that the sensor can record.
@@ -285,7 +280,13 @@ fn electrons_per_radiance(images: &ViewStack, sensor: &Sensor, scale: Scale) -> 
             Err(Error::out_of_range("scale", format!("{factor:e}"), range))
         }
         Scale::BrightestAtFullWell => {
-            let brightest = f64::from(images.brightest());
+            let certain = standard_error.map(|errors| {
+                let pixels = images.values.iter().zip(&errors.values);
+                let certain = pixels.map(|(radiance, error)| radiance - DOUBT * error);
+                certain.fold(f32::NEG_INFINITY, f32::max)
+            });
+            let certain = certain.filter(|certain| *certain > 0.0);
+            let brightest = f64::from(certain.unwrap_or_else(|| images.brightest()));
             if brightest > 0.0 {
                 return Ok(sensor.full_well / brightest);
             }
@@ -296,6 +297,18 @@ fn electrons_per_radiance(images: &ViewStack, sensor: &Sensor, scale: Scale) -> 
             ))
         }
     }
+}
+
+fn check_shape(images: &ViewStack, errors: &ViewStack) -> Result<()> {
+    if errors.shape() == images.shape() {
+        return Ok(());
+    }
+    Err(Error::mismatch(
+        "shape [view, row, col] of the standard error",
+        format!("{:?}", images.shape()),
+        format!("{:?}", errors.shape()),
+        "give the error of the images that are sensed",
+    ))
 }
 
 fn check_radiance(images: &ViewStack) -> Result<()> {
@@ -338,7 +351,7 @@ mod tests {
         {
             let images = constant(electrons);
             let scale = Scale::ElectronsPerRadiance(1.0);
-            let sensed = sense(&images, &DEEP, scale, seed as u64).unwrap().images;
+            let sensed = sense(&images, None, &DEEP, scale, seed as u64).unwrap().images;
             let count = sensed.values.len() as f64;
             let (mean, variance) = mean_and_variance(&sensed.values);
             let gain = 13_500.0 / 1024.0;
@@ -370,7 +383,7 @@ mod tests {
     fn readings_are_grey_levels_and_saturate() {
         let sensor = Sensor::CMV4000;
         let images = constant(0.3);
-        let sensed = sense(&images, &sensor, Scale::BrightestAtFullWell, 7).unwrap();
+        let sensed = sense(&images, None, &sensor, Scale::BrightestAtFullWell, 7).unwrap();
         assert!((sensed.electrons_per_radiance * f64::from(0.3_f32) - 13_500.0).abs() < 1e-6);
         let counts = sensed.images.values.mapv(|radiance| {
             (f64::from(radiance) * sensed.electrons_per_radiance + sensor.dark_charge())
@@ -385,7 +398,7 @@ mod tests {
         assert!((saturated as f64 / counts.len() as f64 - 0.563).abs() < 0.01);
         assert_eq!(sensed.saturated.iter().filter(|marked| **marked).count(), saturated);
         let far_above = Scale::ElectronsPerRadiance(1e30);
-        let sensed = sense(&images, &sensor, far_above, 7).unwrap();
+        let sensed = sense(&images, None, &sensor, far_above, 7).unwrap();
         let top = (1023.0 * sensor.electrons_per_count() - sensor.dark_charge()) / 1e30;
         assert!(
             sensed.images.values.iter().all(|&value| (f64::from(value) / top - 1.0).abs() < 1e-6)
@@ -423,7 +436,7 @@ mod tests {
         let scale = Scale::ElectronsPerRadiance(10_000.0);
         let by = |threads, seed| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-            pool.install(|| sense(&images, &Sensor::CMV4000, scale, seed).unwrap())
+            pool.install(|| sense(&images, None, &Sensor::CMV4000, scale, seed).unwrap())
         };
         assert_eq!(by(1, 3), by(3, 3));
         assert_ne!(by(1, 3), by(1, 4));
@@ -434,7 +447,8 @@ mod tests {
     #[test]
     fn errors_add_in_squares() {
         let sensed =
-            sense(&constant(0.2), &Sensor::CMV4000, Scale::ElectronsPerRadiance(1e4), 1).unwrap();
+            sense(&constant(0.2), None, &Sensor::CMV4000, Scale::ElectronsPerRadiance(1e4), 1)
+                .unwrap();
         let before = ViewStack::new(&sensed.noise.values * 0.75).unwrap();
         let both = sensed.standard_error(Some(&before)).unwrap();
         for (both, noise) in both.values.iter().zip(&sensed.noise.values) {
@@ -448,21 +462,22 @@ mod tests {
     #[test]
     fn without_light_and_dark_charge_only_the_readout_is_left() {
         let sensor = Sensor { dark_current: 0.0, read_noise: 0.0, ..Sensor::CMV4000 };
-        let sensed = sense(&constant(0.0), &sensor, Scale::ElectronsPerRadiance(1.0), 1).unwrap();
+        let sensed =
+            sense(&constant(0.0), None, &sensor, Scale::ElectronsPerRadiance(1.0), 1).unwrap();
         assert!(sensed.images.values.iter().all(|&radiance| radiance == 0.0));
     }
 
     #[test]
     fn what_no_sensor_can_see_is_refused() {
         let scale = Scale::BrightestAtFullWell;
-        assert!(sense(&constant(-0.1), &Sensor::CMV4000, scale, 1).is_err());
-        assert!(sense(&constant(0.0), &Sensor::CMV4000, scale, 1).is_err());
+        assert!(sense(&constant(-0.1), None, &Sensor::CMV4000, scale, 1).is_err());
+        assert!(sense(&constant(0.0), None, &Sensor::CMV4000, scale, 1).is_err());
         for factor in [0.0, -1.0, f64::NAN, f64::INFINITY] {
             let scale = Scale::ElectronsPerRadiance(factor);
-            assert!(sense(&constant(0.1), &Sensor::CMV4000, scale, 1).is_err());
+            assert!(sense(&constant(0.1), None, &Sensor::CMV4000, scale, 1).is_err());
         }
         let no_bits = Sensor { bits: 0, ..Sensor::CMV4000 };
-        assert!(sense(&constant(0.1), &no_bits, scale, 1).is_err());
+        assert!(sense(&constant(0.1), None, &no_bits, scale, 1).is_err());
     }
 
     #[test]

@@ -140,6 +140,9 @@ pub(crate) enum SensorChoice {
 /// electrons_per_radiance : float, optional
 ///     Number of electrons for a radiance of 1/sr. By default the brightest pixel over all views
 ///     reaches the full-well capacity.
+/// standard_error : array, [view, row, col], optional
+///     Standard error of the radiance (1/sr), such as that of a Monte Carlo rendering: twice this
+///     error is subtracted before the brightest pixel is found.
 /// seed : int
 ///     Seed of the random number generator.
 ///
@@ -152,12 +155,15 @@ pub(crate) enum SensorChoice {
 /// ValueError
 ///     A radiance is negative, a parameter is out of range, or the name of the sensor is unknown.
 #[pyfunction]
-#[pyo3(signature = (radiance, sensor = None, *, electrons_per_radiance = None, seed = 1))]
+#[pyo3(signature = (
+    radiance, sensor = None, *, electrons_per_radiance = None, standard_error = None, seed = 1,
+))]
 pub(crate) fn sense(
     py: Python<'_>,
     radiance: &Bound<'_, PyAny>,
     sensor: Option<SensorChoice>,
     electrons_per_radiance: Option<f64>,
+    standard_error: Option<&Bound<'_, PyAny>>,
     seed: u64,
 ) -> PyResult<Sensed> {
     let sensor = match sensor {
@@ -168,7 +174,13 @@ pub(crate) fn sense(
     let scale =
         electrons_per_radiance.map_or(Scale::BrightestAtFullWell, Scale::ElectronsPerRadiance);
     let radiance = Floats::new(radiance, "radiance", IMAGES)?.to_owned();
-    let sensed = quickly(py, || sensor::sense(&ViewStack::new(radiance)?, &sensor, scale, seed))?;
+    let errors = standard_error
+        .map(|errors| Ok::<_, PyErr>(Floats::new(errors, "standard_error", IMAGES)?.to_owned()))
+        .transpose()?;
+    let sensed = quickly(py, || {
+        let errors = errors.map(ViewStack::of_errors).transpose()?;
+        sensor::sense(&ViewStack::new(radiance)?, errors.as_ref(), &sensor, scale, seed)
+    })?;
     Ok(Sensed {
         radiance: give(py, sensed.images.values),
         noise: give(py, sensed.noise.values),

@@ -68,14 +68,20 @@ def test_images(files, cloud, cloud_views):
 
 
 def test_noise(files):
-    sensed = deepct_py.sense(read(files["images"], "radiance"), "cmv4000", seed=6)
+    images = (read(files["images"], name) for name in ("radiance", "radiance_standard_error"))
+    radiance, error = images
+    sensed = deepct_py.sense(radiance, "cmv4000", standard_error=error, seed=6)
     assert np.array_equal(sensed.radiance, read(files["noisy"], "radiance"))
 
 
 def test_masks(files, cloud, cloud_views):
     names = ("radiance", "radiance_standard_error")
     noisy, noise = (read(files["noisy"], name) for name in names)
-    carved = deepct_py.carve(noisy, cloud_views, cloud.grid, standard_error=noise)
+    with h5py.File(files["noisy"]) as file:
+        saturated = file["saturated"][...] if "saturated" in file else noisy < 0
+    carved = deepct_py.carve(
+        noisy, cloud_views, cloud.grid, standard_error=noise, saturated=saturated.astype(bool)
+    )
     assert 0.0 < carved.mask.mean() < 1.0
     assert np.array_equal(carved.mask, read(files["mask"], "mask").astype(bool))
 

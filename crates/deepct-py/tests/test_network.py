@@ -136,6 +136,7 @@ def test_a_mask_sets_what_is_outside_to_zero(network, radiance, views, grid):
 
 def test_images_of_another_geometry_are_refused(network, radiance, views, grid):
     others = deepct_py.Views.string_of_pearls(grid.center, first=-5, last=4, size=(16, 16))
+    elsewhere = deepct_py.Views.load("cloudct-10", (2.4, 0.4, 0.9), size=(16, 16))
     higher = deepct_py.Views.load("cloudct-10", (0.4, 0.4, 1.5), size=(16, 16))
     for message, wrong in [
         ("zenith", lambda: network.infer(radiance, others)),
@@ -143,7 +144,7 @@ def test_images_of_another_geometry_are_refused(network, radiance, views, grid):
         ("altitude", lambda: network.infer(radiance, higher)),
         ("wavelength", lambda: network.infer(radiance, views, deepct_py.Light(wavelength=0.5))),
         ("number of views", lambda: network.infer(radiance[1:], views)),
-        ("target of view 9", lambda: network.grid([*list(views)[:9], higher[0]])),
+        ("target of view", lambda: network.grid([*list(views)[:9], elsewhere[9]])),
     ]:
         with pytest.raises(ValueError, match=message):
             wrong()

@@ -223,6 +223,7 @@ def sense(
     sensor: Union[Sensor, Literal["cmv4000"], None] = None,
     *,
     electrons_per_radiance: Optional[float] = None,
+    standard_error: Optional[ArrayLike] = None,
     seed: int = 1,
 ) -> Sensed: ...
 
