@@ -11,6 +11,7 @@ use deepct_core::files::check_output;
 use deepct_core::grid::{Grid, Mask, Volume};
 use deepct_core::inversion::{
     Ending, InversionSettings, OrdinatesModels, Problem, Reconstruction, Start, invert, resume,
+    shown,
 };
 use deepct_core::io::{
     Provenance, inversion_identity, read_checkpoint, read_cloud, read_mask, write_reconstruction,
@@ -136,6 +137,14 @@ impl Job<'_> {
         self.settings.inversion.iterations =
             flags.iterations.unwrap_or(self.settings.inversion.iterations);
         let mask = self.mask()?;
+        let unseen = mask.count() - shown(&mask, &self.observation.views)?.count();
+        if unseen > 0 {
+            note!(
+                "deepct: no image shows {unseen} of {} voxels of the mask: their extinction is not \
+                 retrieved and is 0",
+                mask.count()
+            );
+        }
         let truth = flags.truth.as_deref().map(|path| self.truth(path)).transpose()?;
         let problem =
             Problem { observation: &self.observation, mask: &mask, truth: truth.as_ref() };
@@ -164,10 +173,15 @@ impl Job<'_> {
         if !global.quiet {
             report(&reconstruction, &mask);
         }
-        Ok(match reconstruction.ending {
-            Ending::Interrupted => Outcome::Interrupted,
-            _ => Outcome::Success,
-        })
+        if reconstruction.ending == Ending::Interrupted {
+            return Ok(Outcome::Interrupted);
+        }
+        let Some(misfit) = reconstruction.unexplained() else { return Ok(Outcome::Success) };
+        note!(
+            "deepct: the result does not explain the images: the misfit is {misfit:.1}, but should be \
+             about 1; check the light, the views and the grid, or begin elsewhere (--init auto)"
+        );
+        Ok(Outcome::CheckFailed)
     }
 
     fn invert(

@@ -107,14 +107,15 @@ pub(crate) fn carve(
         }
         deepct_core::carve::carve(&observation, &grid.0, &settings)
     })?;
-    warn_of_ground(py, carved.warning())?;
+    if let Some(warning) = carved.warning() {
+        warn(py, warning)?;
+    }
     let thresholds = carved.thresholds.to_pyarray(py).unbind();
     Ok(Carved { mask: give(py, carved.mask.values), thresholds })
 }
 
-/// Warns of a mask that contains all voxels because the ground is as bright as the clouds.
-pub(crate) fn warn_of_ground(py: Python<'_>, warning: Option<&str>) -> PyResult<()> {
-    let Some(warning) = warning else { return Ok(()) };
+/// Issues a warning.
+pub(crate) fn warn(py: Python<'_>, warning: &str) -> PyResult<()> {
     let text = CString::new(warning).expect("no zero byte");
     PyErr::warn(py, &py.get_type::<PyUserWarning>(), &text, 1)
 }

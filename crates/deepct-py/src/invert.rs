@@ -1,7 +1,7 @@
 //! `invert` and `hybrid`: retrieval of the extinction with a forward model.
 
 use crate::array::{Floats, IMAGES, VOLUME, booleans, give};
-use crate::carve::warn_of_ground;
+use crate::carve::warn;
 use crate::cloud::read;
 use crate::compute::{Stopped, at_length};
 use crate::error::raise;
@@ -57,14 +57,26 @@ struct Request {
 }
 
 impl Request {
-    /// The given mask or, if there is none, the mask carved from the images, with a warning.
-    fn mask(&mut self, grid: deepct_core::grid::Grid) -> Result<(Mask, Option<&'static str>)> {
-        if let Some(values) = self.mask.take() {
-            return Ok((Mask::new(grid, values)?, None));
+    /// The given mask or, if there is none, the mask carved from the images, with warnings.
+    fn mask(&mut self, grid: deepct_core::grid::Grid) -> Result<(Mask, Vec<String>)> {
+        let mut warnings = Vec::new();
+        let mask = match self.mask.take() {
+            Some(values) => Mask::new(grid, values)?,
+            None => {
+                let carved = carve(&self.observation, &grid, &CarveSettings::default())?;
+                warnings.extend(carved.warning().map(str::to_owned));
+                carved.mask
+            }
+        };
+        let unseen = mask.count() - inversion::shown(&mask, &self.observation.views)?.count();
+        if unseen > 0 {
+            let count = mask.count();
+            warnings.push(format!(
+                "no image shows {unseen} of {count} voxels of the mask: their extinction is not \
+                 retrieved and is 0"
+            ));
         }
-        let carved = carve(&self.observation, &grid, &CarveSettings::default())?;
-        let warning = carved.warning();
-        Ok((carved.mask, warning))
+        Ok((mask, warnings))
     }
 
     fn models(&self, grid: deepct_core::grid::Grid) -> Result<OrdinatesModels> {
@@ -80,22 +92,29 @@ impl Request {
         way: impl FnOnce(&Problem, &mut OrdinatesModels, &InversionSettings) -> Result<Answer>,
     ) -> Result<Solved> {
         let truth = self.truth.take().map(|values| Volume::new(grid, values)).transpose()?;
-        let (mask, warning) = self.mask(grid)?;
+        let (mask, mut warnings) = self.mask(grid)?;
         let mut models = self.models(grid)?;
         models.stop = stop.clone();
         let problem =
             Problem { observation: &self.observation, mask: &mask, truth: truth.as_ref() };
-        Ok(Solved { answer: way(&problem, &mut models, &self.settings)?, mask, warning })
+        let answer = way(&problem, &mut models, &self.settings)?;
+        if let Some(misfit) = answer.unexplained() {
+            warnings.push(format!(
+                "the result does not explain the images: the misfit is {misfit:.1}, but should be \
+                 about 1; check light, views and grid, or begin elsewhere (start=\"auto\")"
+            ));
+        }
+        Ok(Solved { answer, mask, warnings })
     }
 }
 
 type Answer = inversion::Reconstruction;
 
-/// The result of an inversion, with the mask it was restricted to and a warning about it.
+/// The result of an inversion, with the mask it was restricted to and warnings about it.
 struct Solved {
     answer: Answer,
     mask: Mask,
-    warning: Option<&'static str>,
+    warnings: Vec<String>,
 }
 
 /// Retrieve the extinction whose simulated images match the given images.
@@ -306,8 +325,10 @@ fn keywords(py: Python<'_>, settings: Option<&Bound<'_, PyDict>>) -> PyResult<In
 }
 
 fn give_reconstruction(py: Python<'_>, solved: Solved) -> PyResult<Reconstruction> {
-    let Solved { answer, mask, warning } = solved;
-    warn_of_ground(py, warning)?;
+    let Solved { answer, mask, warnings } = solved;
+    for warning in &warnings {
+        warn(py, warning)?;
+    }
     let text = |value: serde_json::Result<String>| value.expect("plain numbers and text");
     let history = text(serde_json::to_string(&answer.history));
     let ending = text(serde_json::to_string(&answer.ending)).trim_matches('"').to_owned();

@@ -211,6 +211,23 @@ def test_pixels_that_are_saturated_or_defective(grid, extinction):
     assert left_out < 0.25 and taken_dead > 1.0
 
 
+def test_what_no_image_shows_is_not_retrieved(grid, extinction):
+    """Images of the eastern half only; an unexplained result is told."""
+    x, y, z = grid.center
+    views = [
+        deepct_py.View.orthographic(zenith, azimuth, (x + 0.2, y, z), 0.05, (24, 8))
+        for zenith, azimuth in ((45, 0), (0, 0), (45, 180))
+    ]
+    images = deepct_py.render(extinction, grid, views, solver="ordinates").radiance
+    mask = np.ones(grid.shape, bool)
+    with pytest.warns(UserWarning, match="no image shows 1024 of 2048 voxels"):
+        found = deepct_py.invert(images, views, grid, mask=mask, iterations=5)
+    assert not found.extinction[:, :, :8].any() and found.extinction[:, :, 8:].any()
+    with pytest.warns(UserWarning, match="the result does not explain the images"):
+        deepct_py.invert(100 * images, views, grid, mask=extinction > 0, iterations=2,
+                         light=deepct_py.Light(solar_irradiance=2.0))
+
+
 def test_an_inversion_finds_a_thin_ball(grid, extinction, views):
     thin = (extinction / 15).astype(np.float32)
     light = deepct_py.Light(surface_albedo=0.0)

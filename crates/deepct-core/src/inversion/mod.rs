@@ -37,7 +37,7 @@ pub use measurement::Measurement;
 pub use models::{Domain, ForwardModel, Models};
 pub use optimiser::{Bounds, Function, Minimiser, MinimiserSettings, Pair, Point, Step};
 pub use ordinates::{OrdinatesModels, QUICK_TOLERANCE};
-pub use problem::{Problem, Start};
+pub use problem::{Problem, Start, shown};
 pub use reconstruction::{Ending, Reconstruction, Record, Watch};
 pub use run::{invert, resume};
 pub use settings::{InversionSettings, Variable};

@@ -1,18 +1,55 @@
 //! The problem that an inversion solves, and its start.
 
+use crate::error::Result;
 use crate::grid::{Mask, Volume};
+use crate::math::DVec3;
 use crate::network::Estimate;
-use crate::scene::Observation;
+use crate::scene::{Observation, Projector, View};
+use ndarray::Zip;
 
 /// The problem: the extinction of the cloud of an observation, inside a mask.
 #[derive(Debug, Clone, Copy)]
 pub struct Problem<'a> {
     /// The images and their geometry.
     pub observation: &'a Observation,
-    /// The voxels that may contain cloud, and the grid of the solution.
+    /// The voxels that may contain cloud, and the grid of the solution. The extinction of those that
+    /// no image shows is 0 in the solution, see [`shown`].
     pub mask: &'a Mask,
     /// The truth on the same grid, if the history is to contain the error of each iteration.
     pub truth: Option<&'a Volume>,
+}
+
+/// A voxel that an image shows by less than this (pixels) only touches it.
+const TOUCH: f64 = 1e-6;
+
+/// The voxels of a mask of which at least one image shows a part. In all others the images contain
+/// no information, and the extinction is not retrieved.
+///
+/// # Errors
+/// None for the mask of a valid grid.
+pub fn shown(mask: &Mask, views: &[View]) -> Result<Mask> {
+    let grid = mask.grid;
+    let images: Vec<(Projector, [f64; 2])> =
+        views.iter().map(|view| (view.projector(), [view.rows as f64, view.cols as f64])).collect();
+    let shows = |point: DVec3| {
+        images.iter().any(|(projector, [rows, cols])| {
+            projector.project(point).is_some_and(|(row, col)| {
+                let inside = |at: f64, size: f64| at > TOUCH && at < size - TOUCH;
+                inside(row, *rows) && inside(col, *cols)
+            })
+        })
+    };
+    let mut values = mask.values.clone();
+    Zip::indexed(&mut values).par_for_each(|(k, j, i), inside| {
+        let corner = |n: usize| {
+            let place =
+                DVec3::new((i + (n & 1)) as f64, (j + (n >> 1 & 1)) as f64, (k + (n >> 2)) as f64);
+            grid.origin + grid.spacing * place
+        };
+        *inside = *inside
+            && (shows(grid.voxel_center([k, j, i])) || (0..8).any(|number| shows(corner(number))));
+    });
+    Mask::new(grid, values)
 }
 
 /// The start of an inversion.
@@ -31,5 +68,30 @@ pub enum Start {
 impl From<Estimate> for Start {
     fn from(estimate: Estimate) -> Self {
         Self::Estimate(Box::new(estimate))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::grid::Grid;
+    use ndarray::Array3;
+
+    #[test]
+    fn voxels_beside_every_image_are_not_shown() {
+        let grid = Grid::new(DVec3::ZERO, DVec3::splat(0.05), [2, 4, 6]).unwrap();
+        let mut mask = Mask::new(grid, Array3::from_elem(grid.shape, true)).unwrap();
+        mask.values[[0, 0, 5]] = false;
+        let target = DVec3::new(0.25, 0.1, 0.05);
+        // The image shows x from 0.2 to 0.3, and the side of the voxels between 0.15 and 0.2.
+        let view = View::orthographic(DVec3::Z, target, 0.05, [4, 2]).unwrap();
+        let found = shown(&mask, &[view]).unwrap();
+        for ((k, j, i), &inside) in found.values.indexed_iter() {
+            assert_eq!(inside, i >= 4 && (k, j, i) != (0, 0, 5), "{k} {j} {i}");
+        }
+        // A slanted view also shows the upper voxels beside them.
+        let west = crate::math::towards(45_f64.to_radians(), 270_f64.to_radians());
+        let slanted = View::orthographic(west, target, 0.05, [4, 2]).unwrap();
+        assert!(shown(&mask, &[view, slanted]).unwrap().values[[1, 2, 3]]);
     }
 }

@@ -55,6 +55,10 @@ impl Ending {
     }
 }
 
+/// Misfit above which the images are not explained: noise and errors of the model are about 1, and
+/// tens where surface or droplets are not those of the images.
+const UNEXPLAINED: f64 = 100.0;
+
 /// The result of an inversion.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Reconstruction {
@@ -64,6 +68,15 @@ pub struct Reconstruction {
     pub history: Vec<Record>,
     /// The reason why the inversion ended.
     pub ending: Ending,
+}
+
+impl Reconstruction {
+    /// The misfit at the end, if it is so large that the extinction does not explain the images, as
+    /// when an inversion cannot leave its start.
+    pub fn unexplained(&self) -> Option<f64> {
+        let misfit = self.history.last()?.misfit;
+        (misfit > UNEXPLAINED || misfit.is_nan()).then_some(misfit)
+    }
 }
 
 /// Progress callback; `()` ignores all events.

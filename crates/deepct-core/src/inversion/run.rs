@@ -4,6 +4,7 @@ use super::blocks::{coarsen, means, refine, shares};
 use super::objective::Objective;
 use super::optimiser::{Function, Minimiser, MinimiserSettings, Step};
 use super::prior::Prior;
+use super::problem::shown;
 use super::scale::scale;
 use super::variables::Variables;
 use super::{
@@ -128,7 +129,7 @@ enum Beginning<'a> {
 /// The data that all stages of an inversion share.
 struct Run<'a> {
     views: &'a [View],
-    mask: &'a Mask,
+    mask: Mask,
     truth: Option<&'a Volume>,
     settings: &'a InversionSettings,
     watch: &'a dyn Watch,
@@ -159,8 +160,9 @@ impl<'a> Run<'a> {
             check_grid("grid of the truth", &mask.grid, &truth.grid)?;
             metrics::check_truth(truth)?;
         }
+        let mask = shown(mask, &observation.views)?;
         let measurement =
-            Measurement::new(observation, settings)?.of_mask(mask, &observation.views);
+            Measurement::new(observation, settings)?.of_mask(&mask, &observation.views);
         if !measurement.counted().iter().any(|counted| *counted) {
             let range =
                 "at least 1: no image shows a voxel of the mask; check grid, mask and views";
@@ -221,7 +223,7 @@ impl<'a> Run<'a> {
     fn level(&self, number: usize) -> Result<Level> {
         let Stage { block, near } = self.stages[number];
         let grid = coarsen(&self.mask.grid, block)?;
-        Ok(Level { number, block, near, grid, shares: shares(self.mask, block, grid.shape) })
+        Ok(Level { number, block, near, grid, shares: shares(&self.mask, block, grid.shape) })
     }
 
     /// Solves one stage and returns the extinction of the cloudy parts on the grid of the solution.
@@ -235,7 +237,7 @@ impl<'a> Run<'a> {
         let variables = Variables::new(*grid, shares, self.settings);
         let mut prior = Prior::new(grid, shares, *block, self.settings.typical_gradient);
         if let Some(uncertainty) = self.uncertainty() {
-            let errors = means(uncertainty, self.mask, *block)?
+            let errors = means(uncertainty, &self.mask, *block)?
                 .values
                 .mapv(|value| self.settings.start_error * f64::from(value).max(LEAST_UNCERTAINTY));
             prior = prior.with_errors(&variables.gather(&errors));
@@ -244,7 +246,7 @@ impl<'a> Run<'a> {
         let measurement = self.measurement.with_model_error(coarse_error);
         let from = match &beginning {
             Beginning::Volume(extinction, _) => {
-                variables.of(&means(extinction, self.mask, *block)?)
+                variables.of(&means(extinction, &self.mask, *block)?)
             }
             Beginning::Checkpoint(checkpoint) => {
                 let count = checkpoint.began_at.len();
@@ -265,12 +267,12 @@ impl<'a> Run<'a> {
         let model = models.model(&domain)?;
         let mut objective = Objective::new(model, &measurement, variables, prior);
         if let Some(expected) = self.expected {
-            objective.expect(&means(&expected.extinction, self.mask, *block)?);
+            objective.expect(&means(&expected.extinction, &self.mask, *block)?);
         }
         let resumed = matches!(beginning, Beginning::Checkpoint(_));
         let begun = match beginning {
             Beginning::Volume(extinction, search) => {
-                let cloudy = means(extinction, self.mask, *block)?;
+                let cloudy = means(extinction, &self.mask, *block)?;
                 self.begin(&mut objective, cloudy, search).map(|minimiser| (minimiser, 0))
             }
             Beginning::Checkpoint(checkpoint) => self.restore(&mut objective, checkpoint),
