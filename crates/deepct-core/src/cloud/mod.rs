@@ -59,6 +59,10 @@ impl Microphysics {
     }
 }
 
+/// Extinction (1/km) up to which a voxel holds a trace of water, which is not visible: simulations have
+/// droplets of any size there.
+const TRACE_EXTINCTION: f32 = 1e-3;
+
 /// Range of effective radii of droplets (um). Smaller numbers are often in m, larger ones in nm.
 const LEAST_RADIUS: f32 = 0.1;
 const MOST_RADIUS: f32 = 100.0;
@@ -132,7 +136,7 @@ impl Cloud {
         let extinctions = cloud.extinction.iter().flatten();
         let unknown =
             extinctions.zip(effective_radius.indexed_iter()).find(|(extinction, radius)| {
-                **extinction > 0.0 && !(LEAST_RADIUS..=MOST_RADIUS).contains(radius.1)
+                **extinction > TRACE_EXTINCTION && !(LEAST_RADIUS..=MOST_RADIUS).contains(radius.1)
             });
         if let Some((extinction, ((k, j, i), radius))) = unknown {
             return Err(Error::out_of_range(
@@ -152,5 +156,23 @@ impl Cloud {
         };
         let extinction = cloud.extinction;
         Ok(Self { extinction, ..Self::from_microphysics(cloud.grid, droplets)? })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::DVec3;
+
+    /// Simulations have droplets of any size in traces of water.
+    #[test]
+    fn radii_in_traces_of_water_do_not_matter() {
+        let grid = Grid::new(DVec3::ZERO, DVec3::splat(0.05), [1, 1, 2]).unwrap();
+        let cloud = |extinction: f32, radius: f32| {
+            let extinction = Volume::new(grid, ndarray::array![[[extinction, 10.0]]]).unwrap();
+            Cloud::from_extinction_and_radii(extinction, ndarray::array![[[radius, 8.0]]])
+        };
+        assert!(cloud(4e-13, 7e-5).is_ok() && cloud(1e-4, 0.0).is_ok());
+        assert!(cloud(1.0, 7e-5).is_err() && cloud(1.0, 1000.0).is_err());
     }
 }

@@ -154,7 +154,10 @@ impl<'a> Run<'a> {
         settings.check()?;
         let Problem { observation, mask, truth } = *problem;
         if mask.count() == 0 {
-            return Err(Error::out_of_range("voxels of the mask", 0, "at least 1"));
+            let range = "at least 1: the lines of sight of cloudy pixels do not meet in the grid. Check \
+                         the grid, the threshold and the targets of the views (images that were \
+                         registered on the ground have targets at its altitude)";
+            return Err(Error::out_of_range("voxels of the mask", 0, range));
         }
         if let Some(truth) = truth {
             check_grid("grid of the truth", &mask.grid, &truth.grid)?;

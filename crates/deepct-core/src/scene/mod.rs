@@ -43,7 +43,19 @@ impl Sun {
     /// Returns an error if the zenith is outside `[0, 90)` degrees or the azimuth is not finite.
     pub fn from_degrees(zenith_deg: f64, azimuth_deg: f64) -> Result<Self> {
         if !(0.0..90.0).contains(&zenith_deg) {
-            return Err(Error::out_of_range("solar zenith", zenith_deg, "in [0, 90) degrees"));
+            // Some codes state the direction in which light travels.
+            let range = match zenith_deg {
+                90.0..=180.0 => {
+                    let (zenith, azimuth) =
+                        (180.0 - zenith_deg, (azimuth_deg + 180.0).rem_euclid(360.0));
+                    format!(
+                        "in [0, 90) degrees; if it is that of the direction in which the light \
+                         travels, give {zenith} and the azimuth towards the Sun, {azimuth}"
+                    )
+                }
+                _ => "in [0, 90) degrees".into(),
+            };
+            return Err(Error::out_of_range("solar zenith", zenith_deg, range));
         }
         if !azimuth_deg.is_finite() {
             return Err(Error::out_of_range("solar azimuth", azimuth_deg, "finite (degrees)"));
@@ -285,7 +297,8 @@ mod tests {
         let sun = Sun::default().towards();
         assert!((sun.x - 0.353_553).abs() < 1e-6 && (sun.y - 0.353_553).abs() < 1e-6);
         assert!((sun.z - 0.866_025).abs() < 1e-6);
-        assert!(Sun::from_degrees(90.0, 0.0).is_err());
+        let problem = Sun::from_degrees(165.0, 90.0).unwrap_err().to_string();
+        assert!(problem.contains("give 15 and the azimuth towards the Sun, 270"), "{problem}");
         assert!(Sun::from_degrees(f64::NAN, 0.0).is_err());
     }
 }
