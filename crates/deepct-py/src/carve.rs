@@ -67,6 +67,7 @@ pub(crate) struct Carved {
     radiance, views, grid, *, threshold = None, standard_error = None, saturated = None,
     agreement = None,
 ))]
+#[allow(clippy::too_many_arguments)]
 pub(crate) fn carve(
     py: Python<'_>,
     radiance: &Bound<'_, PyAny>,

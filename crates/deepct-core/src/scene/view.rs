@@ -132,7 +132,7 @@ impl View {
     /// # Errors
     /// Returns an error if the shift is not finite or so large that the image cannot show the scene.
     pub fn with_shift(self, shift: [f64; 2]) -> Result<Self> {
-        if shift.iter().any(|pixels| !(pixels.abs() <= MOST_SHIFT)) {
+        if shift.iter().any(|pixels| pixels.is_nan() || pixels.abs() > MOST_SHIFT) {
             let range = format!("at most {MOST_SHIFT:e} rows and columns");
             return Err(Error::out_of_range("shift of an image", format!("{shift:?}"), range));
         }
