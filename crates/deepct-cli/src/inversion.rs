@@ -137,8 +137,8 @@ impl Job<'_> {
         self.settings.inversion.iterations =
             flags.iterations.unwrap_or(self.settings.inversion.iterations);
         let mask = self.mask()?;
-        let unseen = mask.count() - shown(&mask, &self.observation.views)?.count();
-        if unseen > 0 {
+        let unseen = mask.count() - shown(&mask, &self.observation)?.count();
+        if unseen > 0 && unseen < mask.count() {
             note!(
                 "deepct: no image shows {unseen} of {} voxels of the mask: their extinction is not \
                  retrieved and is 0",

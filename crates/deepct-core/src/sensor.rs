@@ -214,7 +214,11 @@ pub fn expose(clean: &Observation, sensor: &Sensor, scale: Scale, seed: u64) -> 
     let sensed = sense(&clean.images, clean.standard_error.as_ref(), sensor, scale, seed)?;
     let standard_error = Some(sensed.standard_error(clean.standard_error.as_ref())?);
     let observation = Observation { images: sensed.images, standard_error, ..clean.clone() };
-    let observation = observation.with_saturated(sensed.saturated)?;
+    let mut saturated = sensed.saturated;
+    if let Some(before) = &clean.saturated {
+        saturated.zip_mut_with(before, |now, before| *now |= before);
+    }
+    let observation = observation.with_saturated(saturated)?;
     Ok(Exposure { observation, electrons_per_radiance: sensed.electrons_per_radiance })
 }
 
@@ -428,6 +432,11 @@ mod tests {
         errors[[2, 3, 4]] = 0.1;
         clean.standard_error = Some(ViewStack::new(errors).unwrap());
         assert!((scale(&clean) - 13_500.0 / 0.198).abs() < 0.01);
+        let marked = Array3::from_shape_fn(images.values.dim(), |place| place == (1, 2, 3));
+        let marked = clean.with_saturated(marked).unwrap();
+        let faint = Scale::ElectronsPerRadiance(1e4);
+        let sensed = expose(&marked, &Sensor::CMV4000, faint, 1).unwrap().observation;
+        assert_eq!(sensed.saturated, marked.saturated);
     }
 
     #[test]

@@ -68,8 +68,8 @@ impl Request {
                 carved.mask
             }
         };
-        let unseen = mask.count() - inversion::shown(&mask, &self.observation.views)?.count();
-        if unseen > 0 {
+        let unseen = mask.count() - inversion::shown(&mask, &self.observation)?.count();
+        if unseen > 0 && unseen < mask.count() {
             let count = mask.count();
             warnings.push(format!(
                 "no image shows {unseen} of {count} voxels of the mask: their extinction is not \

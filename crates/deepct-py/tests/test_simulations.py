@@ -491,8 +491,12 @@ def test_variables_in_groups(tmp_path, load):
         axis(inner, "z", 520.0 + 40.0 * np.arange(4))
         columns(inner)
         put(inner, "lwc", WATER, "g m-3", ("z", "y", "x"))
+        put(inner, "reff", 17.0 + 0.0 * WATER, "um", ("z", "y", "x"))
     for options in ((), ("--variable", "scatterers/cloud/lwc")):
-        assert load(path, *options).path == pytest.approx(40.0 * WATER.sum(axis=0).mean(), rel=1e-5)
+        cloud = load(path, *options)
+        assert cloud.path == pytest.approx(40.0 * WATER.sum(axis=0).mean(), rel=1e-5)
+        with netCDF4.Dataset(tmp_path / "imported.nc") as file:
+            assert file["reff"][:].max() == pytest.approx(17.0)
 
 
 def test_dimensions_of_a_parent_group(tmp_path, load, refused):

@@ -23,6 +23,8 @@ const BRIGHT_GROUND: f64 = 0.2;
 /// taken for clouds. Above an albedo of 0.3, the ratio is 1.25 to 1.5, and a mask by brightness loses
 /// 6 to 20 % of the extinction; above 0.4, it loses most of it.
 const CONTRAST: f64 = 1.4;
+/// Largest ratio of the backgrounds of two views that the light of the atmosphere explains.
+const AIR_RISE: f64 = 4.0;
 /// Share of the pixels that are brighter than those with which the background is compared.
 const BRIGHTEST_SHARE: f64 = 0.01;
 
@@ -39,7 +41,9 @@ pub struct CloudThreshold {
 /// distribution of the pixels whose radiance is known ([`Observation::known`]).
 ///
 /// The background of a view is the densest part of the darker half of its pixels, found as their
-/// half-sample mode (Robertson and Cryer 1974): in slanted views, the atmosphere makes it brighter.
+/// half-sample mode (Robertson and Cryer 1974): in slanted views, the atmosphere makes it brighter, by
+/// at most a factor of four. Views that are brighter still are filled by clouds, and have the
+/// background of the others.
 /// Views are aligned by their backgrounds. The background of all views is again the half-sample
 /// mode, and its spread is the median absolute deviation on the narrower of its two sides, because
 /// clouds broaden the upper side and their shadows the lower one. The threshold is three standard
@@ -90,13 +94,20 @@ fn threshold(
         let darker = &values[..values.len().div_ceil(2)];
         own.push((!darker.is_empty()).then(|| half_sample_mode(darker)));
     }
+    // A view that clouds fill has no background of its own.
+    let darkest = own.iter().flatten().copied().fold(f64::INFINITY, f64::min).max(0.0);
+    for background in &mut own {
+        *background = background.filter(|own| *own <= AIR_RISE * darkest);
+    }
     let known: Vec<f64> = own.iter().flatten().copied().collect();
     let mean = known.iter().sum::<f64>() / known.len().max(1) as f64;
     let offsets: Vec<f64> = own.iter().map(|own| own.map_or(0.0, |own| own - mean)).collect();
     let aligned: Vec<[f64; 2]> = views
         .iter()
+        .zip(&own)
         .zip(&offsets)
-        .flat_map(|(pixels, offset)| {
+        .filter(|((_, own), _)| own.is_some())
+        .flat_map(|((pixels, _), offset)| {
             pixels.iter().map(move |[value, error]| [value - offset, *error])
         })
         .collect();
@@ -236,6 +247,17 @@ mod tests {
         assert!((0.0148..0.0165).contains(&found.by_view[0]), "{found:?}");
         assert!((found.by_view[1] - found.by_view[0] - 0.03).abs() < 5e-4, "{found:?}");
         assert!(!found.is_bright_ground);
+    }
+
+    /// A view that clouds fill has the threshold of the others.
+    #[test]
+    fn an_overcast_view_has_no_background() {
+        let one = images(0.0005, 500, 2000).values;
+        let overcast = one.mapv(|value| 0.15 + value);
+        let both = ndarray::concatenate(Axis(0), &[one.view(), overcast.view()]).unwrap();
+        let found = of(&ViewStack::new(both).unwrap(), None);
+        assert!((0.0148..0.0165).contains(&found.by_view[0]), "{found:?}");
+        assert!((0.0148..0.0165).contains(&found.by_view[1]), "{found:?}");
     }
 
     /// Clouds above ground of an albedo of 0.8 are hardly brighter than it.

@@ -15,6 +15,8 @@ pub struct Measurement {
     standard_error: Array3<f32>,
     /// Whether the radiance of each pixel is a lower bound, because the pixel is saturated.
     is_bound: Array3<bool>,
+    /// The largest radiance of the pixels that are not left out (1/sr).
+    brightest: f64,
 }
 
 impl Measurement {
@@ -28,7 +30,7 @@ impl Measurement {
     /// that is included.
     pub fn new(observation: &Observation, settings: &InversionSettings) -> Result<Self> {
         let images = observation.images.clone();
-        let brightest = f64::from(images.brightest());
+        let brightest = observation.brightest();
         if brightest <= 0.0 {
             return Err(Error::out_of_range("brightest radiance", brightest, "positive (1/sr)"));
         }
@@ -54,7 +56,7 @@ impl Measurement {
         check_errors(&standard_error)?;
         let nowhere = || Array3::from_elem(images.values.dim(), false);
         let is_bound = observation.saturated.clone().unwrap_or_else(nowhere);
-        Ok(Self { images, standard_error, is_bound })
+        Ok(Self { images, standard_error, is_bound, brightest })
     }
 
     /// Returns the measurement with an additional error of the model, relative to the radiance,
@@ -64,7 +66,7 @@ impl Measurement {
         let standard_error = Zip::from(&self.standard_error)
             .and(&images.values)
             .map_collect(|error, radiance| error.hypot(share as f32 * radiance));
-        Self { images, standard_error, is_bound: self.is_bound.clone() }
+        Self { images, standard_error, ..self.clone() }
     }
 
     /// Returns the measurement without the pixels whose lines of sight miss the mask, because they
@@ -126,7 +128,7 @@ impl Measurement {
     /// Images whose shape differs from that of the measurement.
     pub(super) fn difference(&self, images: &ViewStack) -> Result<f64> {
         self.check(images)?;
-        let brightest = f64::from(self.images.brightest());
+        let brightest = self.brightest;
         let residuals = self.residuals(images);
         let residuals = residuals.iter().zip(&self.standard_error);
         let included = residuals.filter(|(_, error)| error.is_finite());
@@ -239,7 +241,8 @@ mod tests {
             Some(ViewStack::of_errors(ndarray::array![[[0.3, f32::INFINITY]]]).unwrap());
         let left = Measurement::new(&partly, &settings).unwrap();
         assert_eq!(left.pixels(), 1);
-        assert!((left.misfit(&stack(4.0, 9.0)).unwrap() - 1.0 / 0.34).abs() < 1e-6);
+        // The errors are 0.3, 0.3 and 0.3: those relative to the largest radiance that is left.
+        assert!((left.misfit(&stack(4.0, 9.0)).unwrap() - 1.0 / 0.27).abs() < 1e-6);
         partly.standard_error =
             Some(ViewStack::of_errors(Array3::from_elem((1, 1, 2), f32::INFINITY)).unwrap());
         assert!(Measurement::new(&partly, &settings).is_err());

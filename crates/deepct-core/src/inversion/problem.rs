@@ -4,8 +4,9 @@ use crate::error::Result;
 use crate::grid::{Mask, Volume};
 use crate::math::DVec3;
 use crate::network::Estimate;
-use crate::scene::{Observation, Projector, View};
-use ndarray::Zip;
+use crate::scene::{Boundary, Observation, Projector};
+use crate::traverse::walk;
+use ndarray::{Array3, Zip};
 
 /// The problem: the extinction of the cloud of an observation, inside a mask.
 #[derive(Debug, Clone, Copy)]
@@ -22,13 +23,24 @@ pub struct Problem<'a> {
 /// A voxel that an image shows by less than this (pixels) only touches it.
 const TOUCH: f64 = 1e-6;
 
-/// The voxels of a mask of which at least one image shows a part. In all others the images contain
-/// no information, and the extinction is not retrieved.
+/// The voxels of a mask of which at least one image shows a part: their centre, a corner, or what the
+/// middle of a pixel shows. In all others the images contain no information, and the extinction is not
+/// retrieved. Between periodic sides, lines of sight go on in the next copy, and no voxel is left out.
 ///
 /// # Errors
 /// None for the mask of a valid grid.
-pub fn shown(mask: &Mask, views: &[View]) -> Result<Mask> {
-    let grid = mask.grid;
+pub fn shown(mask: &Mask, observation: &Observation) -> Result<Mask> {
+    let (grid, views) = (mask.grid, &observation.views);
+    if observation.light.boundary == Boundary::Periodic {
+        return Ok(mask.clone());
+    }
+    let mut crossed = Array3::from_elem(grid.shape, false);
+    for view in views {
+        for (row, col) in (0..view.rows).flat_map(|row| (0..view.cols).map(move |col| (row, col))) {
+            let ray = view.ray(row as f64 + 0.5, col as f64 + 0.5);
+            walk(&grid, &ray).for_each(|step| crossed[step.voxel] = true);
+        }
+    }
     let images: Vec<(Projector, [f64; 2])> =
         views.iter().map(|view| (view.projector(), [view.rows as f64, view.cols as f64])).collect();
     let shows = |point: DVec3| {
@@ -47,7 +59,9 @@ pub fn shown(mask: &Mask, views: &[View]) -> Result<Mask> {
             grid.origin + grid.spacing * place
         };
         *inside = *inside
-            && (shows(grid.voxel_center([k, j, i])) || (0..8).any(|number| shows(corner(number))));
+            && (crossed[[k, j, i]]
+                || shows(grid.voxel_center([k, j, i]))
+                || (0..8).any(|number| shows(corner(number))));
     });
     Mask::new(grid, values)
 }
@@ -75,7 +89,8 @@ impl From<Estimate> for Start {
 mod tests {
     use super::*;
     use crate::grid::Grid;
-    use ndarray::Array3;
+    use crate::image::ViewStack;
+    use crate::scene::{Sun, View};
 
     #[test]
     fn voxels_beside_every_image_are_not_shown() {
@@ -85,13 +100,25 @@ mod tests {
         let target = DVec3::new(0.25, 0.1, 0.05);
         // The image shows x from 0.2 to 0.3, and the side of the voxels between 0.15 and 0.2.
         let view = View::orthographic(DVec3::Z, target, 0.05, [4, 2]).unwrap();
-        let found = shown(&mask, &[view]).unwrap();
+        let observe = |views: Vec<View>| {
+            let (rows, cols) = (views[0].rows, views[0].cols);
+            let images = ViewStack::new(Array3::zeros((views.len(), rows, cols))).unwrap();
+            Observation::new(Sun::default(), views, images).unwrap()
+        };
+        let found = shown(&mask, &observe(vec![view])).unwrap();
         for ((k, j, i), &inside) in found.values.indexed_iter() {
             assert_eq!(inside, i >= 4 && (k, j, i) != (0, 0, 5), "{k} {j} {i}");
         }
         // A slanted view also shows the upper voxels beside them.
         let west = crate::math::towards(45_f64.to_radians(), 270_f64.to_radians());
         let slanted = View::orthographic(west, target, 0.05, [4, 2]).unwrap();
-        assert!(shown(&mask, &[view, slanted]).unwrap().values[[1, 2, 3]]);
+        let mut both = observe(vec![view, slanted]);
+        assert!(shown(&mask, &both).unwrap().values[[1, 2, 3]]);
+        both.light.boundary = Boundary::Periodic;
+        assert_eq!(shown(&mask, &both).unwrap(), mask);
+        // An image that is smaller than a quarter of a voxel.
+        let inside = DVec3::new(0.2625, 0.1125, 0.05);
+        let small = View::orthographic(DVec3::Z, inside, 0.001, [4, 4]).unwrap();
+        assert_eq!(shown(&mask, &observe(vec![small])).unwrap().count(), 2);
     }
 }

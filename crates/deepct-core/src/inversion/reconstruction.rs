@@ -72,9 +72,13 @@ pub struct Reconstruction {
 
 impl Reconstruction {
     /// The misfit at the end, if it is so large that the extinction does not explain the images, as
-    /// when an inversion cannot leave its start.
+    /// when an inversion cannot leave its start. `None` if it was not allowed to.
     pub fn unexplained(&self) -> Option<f64> {
         let misfit = self.history.last()?.misfit;
+        let moved = self.history.iter().any(|record| record.iteration > 0);
+        if self.ending == Ending::Iterations && !moved {
+            return None;
+        }
         (misfit > UNEXPLAINED || misfit.is_nan()).then_some(misfit)
     }
 }

@@ -163,7 +163,7 @@ impl<'a> Run<'a> {
             check_grid("grid of the truth", &mask.grid, &truth.grid)?;
             metrics::check_truth(truth)?;
         }
-        let mask = shown(mask, &observation.views)?;
+        let mask = shown(mask, observation)?;
         let measurement =
             Measurement::new(observation, settings)?.of_mask(&mask, &observation.views);
         if !measurement.counted().iter().any(|counted| *counted) {

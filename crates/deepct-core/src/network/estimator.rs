@@ -97,9 +97,9 @@ impl Estimator {
 
     /// The grid on which [`Estimator::estimate`] estimates the cloud in images of `[rows, cols]`
     /// pixels if no other grid is requested. It has one column of voxels for each pixel, centred
-    /// on the target, or on the middle of images that are shifted from it. For general weights, the horizontal voxel size is that of the smallest pixel
-    /// at the target, and the levels are centred on the target, but do not extend below an altitude
-    /// of 0.
+    /// on the target, or about on the middle of images that are shifted from it. For general weights,
+    /// the horizontal voxel size is that of the smallest pixel at the target, and the levels are
+    /// centred on the target, but do not extend below an altitude of 0.
     ///
     /// # Errors
     /// As [`Network::grid`].

@@ -149,8 +149,8 @@ impl PlaneResampler {
         })
     }
 
-    /// Resamples `images`, `[image, view, row, col]`, onto the plane of the target. The result has the axes `[image, view, row, col]`, covers the field and the
-    /// margins and is multiplied by the scale.
+    /// Resamples `images`, `[image, view, row, col]`, onto the plane of the target. The result has the
+    /// axes `[image, view, row, col]`, covers the field and the margins and is multiplied by the scale.
     pub(super) fn resample(
         &self,
         images: &[f32],

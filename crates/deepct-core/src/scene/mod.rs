@@ -229,6 +229,16 @@ impl Observation {
         Ok(Self { saturated: any.then_some(saturated), ..self })
     }
 
+    /// The largest radiance (1/sr) of the pixels that are not left out by an infinite standard error;
+    /// negative infinity if all are.
+    pub fn brightest(&self) -> f64 {
+        let errors = self.standard_error.as_ref().map(|errors| &errors.values);
+        let pixels = self.images.values.indexed_iter();
+        let included =
+            pixels.filter(|(place, _)| errors.is_none_or(|errors| errors[*place].is_finite()));
+        included.map(|(_, radiance)| f64::from(*radiance)).fold(f64::NEG_INFINITY, f64::max)
+    }
+
     /// Whether the radiance of each pixel is known, `[view, row, col]`: it is neither saturated nor
     /// left out by an infinite standard error.
     pub fn known(&self) -> Array3<bool> {
@@ -256,6 +266,9 @@ impl Observation {
     }
 }
 
+/// Distance (pixels) of the target from the centre of an image that is neglected.
+const CENTRED: f64 = 0.02;
+
 /// The solar and viewing geometry, target (km) and wavelength (um) as plain numbers. The angles are
 /// those at the common target.
 ///
@@ -267,10 +280,11 @@ pub fn imaging_geometry(light: &Light, views: &[View]) -> Result<ImagingGeometry
     let at_target: Vec<View> =
         views.iter().map(|view| view.aimed_at(target)).collect::<Result<_>>()?;
     let shifts: Vec<[f64; 2]> = at_target.iter().map(|view| view.shift).collect();
+    let is_centred = shifts.iter().flatten().all(|pixels| pixels.abs() < CENTRED);
     Ok(ImagingGeometry {
         views: view_geometry(&light.sun, &at_target),
         target_km: target.to_array(),
-        shifts: if shifts.iter().all(|shift| *shift == [0.0, 0.0]) { Vec::new() } else { shifts },
+        shifts: if is_centred { Vec::new() } else { shifts },
         wavelength_um: light.wavelength,
         solar_irradiance: light.sun.irradiance,
     })

@@ -38,6 +38,9 @@ Optional keys before these tables: target_km = [x, y, z], the point at the centr
 image (default: the centre of the cloud's grid), and image_size = [rows, cols] (default: that
 of the grid).";
 
+/// Altitude (km) above which there is no target.
+const HIGHEST_TARGET: f64 = 100.0;
+
 /// A list of cameras, from which [`ViewList::views`] creates the views of a target.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ViewList {
@@ -108,8 +111,18 @@ impl ViewList {
             Error::file(path, "views", problem, "see `deepct render --help` for the file format")
         })?;
         // Numbers out of range are reported here, before the scene is read.
-        list.views(DVec3::ZERO, [1, 1]).map_err(Error::in_file(path))?;
+        list.views(list.any_target(), [1, 1]).map_err(Error::in_file(path))?;
         Ok(list)
+    }
+
+    /// A target above which all cameras are that look down, and below which those that look up, if
+    /// there is one.
+    fn any_target(&self) -> DVec3 {
+        let Cameras::Single(cameras) = &self.cameras else { return DVec3::ZERO };
+        let look_up = cameras.iter().filter(|camera| camera.view_zenith_deg > 90.0);
+        let altitudes = look_up.filter_map(|camera| camera.altitude_km);
+        let highest = altitudes.filter(|altitude| *altitude < HIGHEST_TARGET).fold(-1e-3, f64::max);
+        DVec3::new(0.0, 0.0, highest + 1e-3)
     }
 
     fn parse(text: &str) -> std::result::Result<Self, String> {
@@ -261,6 +274,13 @@ mod tests {
         let near = read("view_zenith_deg = 140.0\npixel_km = 0.1\naltitude_km = 0.5").unwrap();
         let Projection::Perspective { position, .. } = near[0].projection else { panic!() };
         assert!((position.z - 0.5).abs() < 1e-3);
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("ground.toml");
+        let camera = "[[view]]\nview_zenith_deg = 150.0\nview_azimuth_deg = 30.0\n\
+                      altitude_km = 0.1\npixel_km = 0.05\n";
+        std::fs::write(&path, camera).unwrap();
+        let list = ViewList::find(path.to_str().unwrap()).unwrap();
+        assert!(list.views(TARGET, [8, 8]).unwrap()[0].looks_up());
         for wrong in [
             "view_zenith_deg = 140.0\npixel_km = 0.1",
             "view_zenith_deg = 40.0\npixel_km = 0.1\nlooks_up = true",

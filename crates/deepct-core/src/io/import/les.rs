@@ -1,7 +1,7 @@
 //! Import of large-eddy simulations in netCDF. Names, units and axes are identified by CF
 //! conventions, or by the customary names of common codes if a file does not follow them.
 
-use super::axes::{Kind, Layout, Window, levels_within, pieces};
+use super::axes::{Kind, Layout, Window, leaf, levels_within, pieces};
 use super::cells::{self, Cells};
 use super::water::{Field, assumed_unit, find_field};
 use super::{Crop, DROPLETS_PER_CM3, ImportReport, ImportSettings, grid_over};
@@ -431,7 +431,7 @@ impl<'a> Simulation<'a> {
                 && variable.text("standard_name").is_some_and(|name| name == standard_name)
         };
         let customary =
-            |variable: &Variable| names.contains(&variable.name.to_lowercase().as_str());
+            |variable: &Variable| names.contains(&leaf(&variable.name).to_lowercase().as_str());
         self.variables().find(standard).or_else(|| self.variables().find(customary))
     }
 

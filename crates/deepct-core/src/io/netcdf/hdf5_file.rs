@@ -165,7 +165,8 @@ impl Hdf5 {
                 // A group has dimensions of its own and those of the groups around it.
                 scales.rfind(|(path, scale)| {
                     let place = path.rsplit_once('/').map_or("", |(place, _)| place);
-                    group.starts_with(place) && has(scale)
+                    let around = place.is_empty() || group.starts_with(&format!("{place}/"));
+                    around && has(scale)
                 })
             };
             for (name, id) in names.iter_mut().zip(ids) {

@@ -202,7 +202,7 @@ fn write_cameras(output: &Output, views: &[View]) -> Result<()> {
     output.variable("camera_position", &vectors, &cameras.position, &position)?;
     let direction = one("unit vector from the target towards the camera");
     output.variable("camera_direction", &vectors, &cameras.direction, &direction)?;
-    let target = km("point at the centre of the image");
+    let target = km("point that the camera is pointed at");
     output.variable("target", &vectors, &cameras.target, &target)?;
     let tangent = one("ratio of pixel size to focal length; missing for an orthographic camera");
     output.variable("pixel_tangent", &["view"], &cameras.pixel_tangent, &tangent)?;

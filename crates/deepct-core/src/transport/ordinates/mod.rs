@@ -430,7 +430,7 @@ fn progress(share: f64) -> Progress {
 }
 
 /// Angle from the Sun (degrees) up to which the light that droplets scatter forward, of which the
-/// solver does not resolve the peak, makes images wrong: by up to 5 % for the Henyey-Greenstein phase
+/// solver does not resolve the peak, makes images wrong: by up to 8 % for the Henyey-Greenstein phase
 /// function, by more than a factor of two for droplets.
 const AUREOLE_DEG: f64 = 12.0;
 
