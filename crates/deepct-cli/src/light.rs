@@ -121,7 +121,7 @@ pub(crate) fn resolve_light(
         .filter(|key| matters(key, &observation.light))
         .map(|key| format!("{key} = {}", values[key]))
         .collect();
-    warn_of_waves(&observation.light);
+    warn_of_neglected(&observation.light);
     if !missing.is_empty() && !quiet {
         note!(
             "deepct: {} does not specify the whole scene illumination; assumed: {} \
@@ -133,14 +133,10 @@ pub(crate) fn resolve_light(
     Ok(())
 }
 
-/// Warns of what the discrete-ordinates solver leaves out.
-pub(crate) fn warn_of_waves(light: &Light) {
-    if light.surface.waves.is_some() {
-        note!(
-            "deepct: warning: the discrete-ordinates solver neglects the light of the cloud that \
-             ocean waves reflect: dark pixels may be up to 40 % too dark, the mean of a view up to \
-             18 %; `deepct render --solver monte-carlo` includes it"
-        );
+/// Warns of what the discrete-ordinates solver neglects.
+pub(crate) fn warn_of_neglected(light: &Light) {
+    for warning in light.neglected_by_ordinates() {
+        note!("deepct: warning: {warning}");
     }
 }
 

@@ -1,7 +1,7 @@
 //! `deepct render`: simulation of the images of a cloud.
 
 use crate::global::Global;
-use crate::light::{LightFlags, warn_of_waves};
+use crate::light::{LightFlags, warn_of_neglected};
 use crate::outcome::Outcome;
 use crate::progress::RenderProgress;
 use deepct_core::files::check_output;
@@ -111,7 +111,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
     args.check_solver()?;
     args.ordinates()?;
     if matches!(args.solver, Method::Ordinates) {
-        warn_of_waves(&light);
+        warn_of_neglected(&light);
     }
     let list = ViewList::find(&args.views)?;
     let (cloud, warnings) = match args.allow_implausible {

@@ -6,7 +6,7 @@ use crate::cloud::read;
 use crate::compute::{Stopped, at_length};
 use crate::error::raise;
 use crate::grid::Grid;
-use crate::light::{Light, or_default, warn_of_waves};
+use crate::light::{Light, or_default, warn_of_neglected};
 use crate::network::Network;
 use crate::view::ViewSequence;
 use deepct_core::Result;
@@ -197,7 +197,7 @@ pub(crate) fn invert(
             }
         },
     };
-    warn_of_waves(py, &request.observation.light)?;
+    warn_of_neglected(py, &request.observation.light)?;
     let solved = at_length(py, |stop| {
         request.solve(grid.0, stop, |problem, models, settings| {
             inversion::invert(problem, models, &start, settings, &Stopped(stop))
@@ -275,7 +275,7 @@ pub(crate) fn hybrid(
     if quick {
         request.settings = request.settings.quick();
     }
-    warn_of_waves(py, &request.observation.light)?;
+    warn_of_neglected(py, &request.observation.light)?;
     let network = network.inner();
     let solved = at_length(py, |stop| {
         let grid = match grid {

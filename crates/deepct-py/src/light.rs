@@ -171,11 +171,9 @@ pub(crate) fn or_default(light: Option<Light>) -> scene::Light {
 }
 
 /// Warns of what the discrete-ordinates solver neglects.
-pub(crate) fn warn_of_waves(py: Python<'_>, light: &scene::Light) -> PyResult<()> {
-    if light.surface.waves.is_some() {
-        let text = "the discrete-ordinates solver neglects the light of the cloud that ocean waves \
-                    reflect: dark pixels may be up to 40 % too dark, the mean of a view up to 18 %";
-        py.import("warnings")?.call_method1("warn", (text,))?;
+pub(crate) fn warn_of_neglected(py: Python<'_>, light: &scene::Light) -> PyResult<()> {
+    for warning in light.neglected_by_ordinates() {
+        py.import("warnings")?.call_method1("warn", (warning,))?;
     }
     Ok(())
 }

@@ -4,7 +4,7 @@ use crate::array::{Floats, VOLUME, give};
 use crate::compute::{Stopped, at_length};
 use crate::error::raise;
 use crate::grid::Grid;
-use crate::light::{Light, or_default, warn_of_waves};
+use crate::light::{Light, or_default, warn_of_neglected};
 use crate::view::ViewSequence;
 use deepct_core::Error;
 use deepct_core::cloud::Cloud;
@@ -164,7 +164,7 @@ pub(crate) fn render(
         }
     };
     if matches!(solver, Solver::Ordinates(_)) {
-        warn_of_waves(py, &light)?;
+        warn_of_neglected(py, &light)?;
     }
     let interpolation = if trilinear { Interpolation::Trilinear } else { Interpolation::Constant };
     if trilinear {

@@ -228,6 +228,12 @@ def test_what_no_image_shows_is_not_retrieved(grid, extinction):
                          light=deepct_py.Light(solar_irradiance=2.0))
 
 
+def test_ordinates_tell_what_they_neglect(grid, extinction, views):
+    light = deepct_py.Light(air=True, periodic=True)
+    with pytest.warns(UserWarning, match="the air scatters back"):
+        deepct_py.render(extinction, grid, list(views)[5:6], light, solver="ordinates")
+
+
 def test_an_inversion_finds_a_thin_ball(grid, extinction, views):
     thin = (extinction / 15).astype(np.float32)
     light = deepct_py.Light(surface_albedo=0.0)
