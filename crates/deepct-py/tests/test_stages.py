@@ -173,7 +173,7 @@ def test_every_view_has_its_own_threshold():
     assert carved.thresholds.max() > 1.5 * carved.thresholds.min()
 
 
-def test_bright_ground_is_told(grid, extinction):
+def test_bright_ground_gives_a_warning(grid, extinction):
     views = [
         deepct_py.View.orthographic(abs(zenith), 90 - 90 * np.sign(zenith), grid.center, 0.05, (24, 24))
         for zenith in (-50, -25, 0, 25, 50)
@@ -212,7 +212,7 @@ def test_pixels_that_are_saturated_or_defective(grid, extinction):
 
 
 def test_what_no_image_shows_is_not_retrieved(grid, extinction):
-    """Images of the eastern half only; an unexplained result is told."""
+    """Images of the eastern half only; a warning says that a result does not explain the images."""
     x, y, z = grid.center
     views = [
         deepct_py.View.orthographic(zenith, azimuth, (x + 0.2, y, z), 0.05, (24, 8))

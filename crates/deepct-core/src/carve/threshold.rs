@@ -43,8 +43,7 @@ pub struct CloudThreshold {
 /// The background of a view is the densest part of the darker half of its pixels, found as their
 /// half-sample mode (Robertson and Cryer 1974): in slanted views, the atmosphere makes it brighter, by
 /// at most a factor of four. Views that are brighter still are filled by clouds, and have the
-/// background of the others.
-/// Views are aligned by their backgrounds. The background of all views is again the half-sample
+/// background of the others. Views are aligned by their backgrounds. The background of all views is again the half-sample
 /// mode, and its spread is the median absolute deviation on the narrower of its two sides, because
 /// clouds broaden the upper side and their shadows the lower one. The threshold is three standard
 /// deviations above the background, and at least a twentieth of it. If more than half of the
@@ -262,7 +261,7 @@ mod tests {
 
     /// Clouds above ground of an albedo of 0.8 are hardly brighter than it.
     #[test]
-    fn ground_as_bright_as_clouds_is_told() {
+    fn ground_as_bright_as_clouds_is_recognised() {
         let bright = images(0.0005, 500, 2000).values.mapv(|value| 0.2 + 0.2 * value);
         let bright = ViewStack::new(bright).unwrap();
         assert!(of(&bright, None).is_bright_ground);
