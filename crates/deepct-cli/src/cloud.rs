@@ -8,7 +8,7 @@ use deepct_core::cloud::{
     Cloud, CumulusSettings, FieldSettings, IsolateSettings, LeftOut, cumulus, field,
     isolate_and_count,
 };
-use deepct_core::io::import::{AirDensity, Crop, ImportSettings, import_cloud};
+use deepct_core::io::import::{AirDensity, Crop, ImportReport, ImportSettings, import_cloud};
 use deepct_core::io::{Provenance, write_cloud};
 use deepct_core::math::DVec3;
 use deepct_core::optics::extinction;
@@ -158,14 +158,7 @@ fn import(args: &ImportArgs, global: &Global) -> Result<Outcome> {
         allow_implausible: args.allow_implausible,
     };
     let (cloud, report) = import_cloud(&args.file, &settings)?;
-    for warning in report.warnings {
-        note!("deepct: warning: {warning}");
-    }
-    if !global.quiet {
-        for taken in report.taken {
-            say!("{taken}");
-        }
-    }
+    say_import(report, global);
     let provenance = Provenance {
         title: "Cloud imported from another file".into(),
         configuration: toml::to_string(&Resolved::of(args, &cloud)).expect("plain numbers"),
@@ -175,6 +168,26 @@ fn import(args: &ImportArgs, global: &Global) -> Result<Outcome> {
         None => write(&args.out, &cloud, &provenance, global),
         Some(side) => write_isolated(args, side, &cloud, &provenance, global),
     }
+}
+
+/// Print from which variables the quantities were taken, what was assumed, and what may be wrong.
+fn say_import(report: ImportReport, global: &Global) {
+    for warning in report.warnings {
+        note!("deepct: warning: {warning}");
+    }
+    if !global.quiet {
+        for taken in report.taken {
+            say!("{taken}");
+        }
+    }
+}
+
+/// Import a cloud of another program on the voxels of its file.
+pub(crate) fn import_as_it_is(path: &Path, global: &Global) -> Result<Cloud> {
+    let settings = ImportSettings { spacing: None, ..ImportSettings::default() };
+    let (cloud, report) = import_cloud(path, &settings)?;
+    say_import(report, global);
+    Ok(cloud)
 }
 
 fn write_isolated(

@@ -31,9 +31,20 @@ Read by other verbs
   weights   safetensors with metadata; see `weights inspect`
   settings  TOML; see `config VERB`
 
-Written
-  OpenEXR   images, one layer per view (render --exr I.exr)
-  PNG       figures (plot, render --png I.png)
+Written by `convert`, by the ending of the name
+  .vti      fields: VTK image data for ParaView, one value per cell, lengths in km
+  .vol      extinction (km-1): grid volume of Mitsuba 3; bounding box in km
+            (use_grid_bbox = true)
+  .npz      fields or images: NumPy arrays with the names of the variables above, [z, y, x]
+            and [view, row, col]
+  .mat      the same arrays for MATLAB, Octave and SciPy (version 5)
+  .tif      images: 16-bit grey levels, one page per view, north up; the description of a
+            page has the radiance of a grey level
+  .png      images: the same, one file per view
+  .exr      images: 32-bit floats, one layer per view, north up (also render --exr I.exr)
+
+Written by `plot` and `render --png`
+  .png      figures
 ";
 
 pub(crate) fn run(_args: &Args) -> deepct_core::Result<Outcome> {

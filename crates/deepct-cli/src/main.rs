@@ -11,6 +11,7 @@ mod carve;
 mod cloud;
 mod completions;
 mod config;
+mod convert;
 mod dataset;
 mod defaults;
 mod demo;
@@ -28,6 +29,7 @@ mod outcome;
 mod output;
 mod plot;
 mod progress;
+mod regrid;
 mod render;
 mod score;
 mod sense;
@@ -66,6 +68,8 @@ enum Verb {
     Experiment(experiment::Args),
     Weights(weights::Args),
     Plot(plot::Args),
+    Convert(convert::Args),
+    Regrid(regrid::Args),
     Formats(formats::Args),
     Validate(validate::Args),
     Config(config::Args),
@@ -90,6 +94,8 @@ fn run(cli: Cli) -> deepct_core::Result<Outcome> {
         Verb::Experiment(args) => experiment::run(&args, &cli.global),
         Verb::Weights(args) => weights::run(&args),
         Verb::Plot(args) => plot::run(&args),
+        Verb::Convert(args) => convert::run(&args, &cli.global),
+        Verb::Regrid(args) => regrid::run(&args, &cli.global),
         Verb::Formats(args) => formats::run(&args),
         Verb::Validate(args) => validate::run(&args, &cli.global),
         Verb::Config(args) => config::run(&args),

@@ -50,6 +50,11 @@ pub(crate) fn check_outputs(command_line: impl IntoIterator<Item = OsString>) ->
     Ok(())
 }
 
+/// Whether two paths are those of one file.
+pub(crate) fn is_same_file(one: &Path, other: &Path) -> bool {
+    place(one.as_os_str()).is_some_and(|found| Some(found) == place(other.as_os_str()))
+}
+
 /// The values on a command line with their options, given as `--option value` or `--option=value`.
 fn split(command_line: impl IntoIterator<Item = OsString>) -> Vec<Argument> {
     let mut arguments = Vec::new();

@@ -2,6 +2,7 @@
 
 mod carve;
 mod cloud;
+mod convert;
 mod dataset;
 mod demo;
 mod frame;

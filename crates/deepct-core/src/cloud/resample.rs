@@ -3,7 +3,7 @@
 use super::{Cloud, Microphysics};
 use crate::error::Result;
 use crate::grid::Grid;
-use crate::grid::resample::resample;
+use crate::grid::resample::{grid_edges, resample};
 use ndarray::Array3;
 
 /// Resamples droplets from cells with the given `edges` along z, y and x (km) onto `grid`. The
@@ -39,6 +39,25 @@ pub fn resample_droplets(
         *grid,
         Microphysics { liquid_water_content: water, effective_radius, effective_variance },
     )
+}
+
+impl Cloud {
+    /// The cloud on another grid; there is none outside its own. Its extinction, if it is given, is
+    /// resampled like its water ([`crate::grid::resample`]).
+    ///
+    /// # Errors
+    /// As [`resample_droplets`].
+    pub fn resampled(&self, grid: &Grid) -> Result<Cloud> {
+        let [z, y, x] = grid_edges(&self.grid);
+        let edges = [z.as_slice(), &y, &x];
+        let mut cloud = match &self.microphysics {
+            Some(droplets) => resample_droplets(droplets, edges, grid)?,
+            None => Cloud { grid: *grid, microphysics: None, extinction: None },
+        };
+        let extinction = self.extinction.as_ref();
+        cloud.extinction = extinction.map(|values| resample(values, edges, grid)).transpose()?;
+        Ok(cloud)
+    }
 }
 
 #[cfg(test)]

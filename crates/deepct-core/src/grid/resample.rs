@@ -6,7 +6,7 @@
 //! interpolated linearly between their centres; between cells of different sizes this would not
 //! conserve the integral, and the mean is used as well. The field is zero outside the old cells.
 
-use super::Grid;
+use super::{Grid, Mask, Volume};
 use crate::error::{Error, Result};
 use ndarray::{Array1, Array3, Axis};
 
@@ -57,6 +57,24 @@ pub fn resample(values: &Array3<f32>, edges: [&[f64]; 3], grid: &Grid) -> Result
         }
     }
     Ok(values)
+}
+
+impl Volume {
+    /// The volume on another grid; it is zero outside its own.
+    pub fn resampled(&self, grid: &Grid) -> Volume {
+        let [z, y, x] = grid_edges(&self.grid);
+        let values = resample(&self.values, [&z, &y, &x], grid).expect("the edges of its cells");
+        Volume { grid: *grid, values }
+    }
+}
+
+impl Mask {
+    /// The mask on another grid: the voxels of which a part is inside.
+    pub fn resampled(&self, grid: &Grid) -> Mask {
+        let inside = self.values.mapv(|inside| if inside { 1.0 } else { 0.0 });
+        let inside = Volume { grid: self.grid, values: inside }.resampled(grid);
+        Mask { grid: *grid, values: inside.values.mapv(|share| share > 0.0) }
+    }
 }
 
 /// Share of a new cell below which an old one overlaps it by rounding errors of the edges only, in single precision too. It would
@@ -133,6 +151,13 @@ fn along(values: &Array3<f32>, axis: Axis, rows: &[Row]) -> Array3<f32> {
 /// The `count + 1` cell edges of an axis with uniform spacing.
 pub fn uniform_edges(lower: f64, spacing: f64, count: usize) -> Vec<f64> {
     Array1::from_iter((0..=count).map(|index| lower + spacing * index as f64)).to_vec()
+}
+
+/// The faces of the voxels of a grid along z, y and x (km), as [`resample`] takes them.
+pub fn grid_edges(grid: &Grid) -> [Vec<f64>; 3] {
+    // The components of grid vectors are x, y, z.
+    [0, 1, 2]
+        .map(|axis| uniform_edges(grid.origin[2 - axis], grid.spacing[2 - axis], grid.shape[axis]))
 }
 
 #[cfg(test)]

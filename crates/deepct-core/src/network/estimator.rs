@@ -5,7 +5,6 @@ use super::unusual::image_statistics;
 use super::{Estimate, GeneralWeights, Network, Training, Unusual, Weights};
 use crate::conv::Settings;
 use crate::error::{Error, Result};
-use crate::grid::resample::{resample, uniform_edges};
 use crate::grid::{Grid, Volume};
 use crate::image::{ImagingGeometry, ViewStack};
 use crate::math::DVec3;
@@ -162,16 +161,8 @@ impl Estimator {
         if inner.matches(grid) {
             return Ok(estimate);
         }
-        let moved = |volume: &Volume| {
-            let edges = [0, 1, 2].map(|axis| {
-                let (lower, spacing) = (inner.origin[2 - axis], inner.spacing[2 - axis]);
-                uniform_edges(lower, spacing, inner.shape[axis])
-            });
-            let values = resample(&volume.values, [&edges[0], &edges[1], &edges[2]], grid)?;
-            Volume::new(*grid, values)
-        };
-        let uncertainty = estimate.uncertainty.as_ref().map(moved).transpose()?;
-        Ok(Estimate { extinction: moved(&estimate.extinction)?, uncertainty })
+        let uncertainty = estimate.uncertainty.as_ref().map(|volume| volume.resampled(grid));
+        Ok(Estimate { extinction: estimate.extinction.resampled(grid), uncertainty })
     }
 
     /// The estimate on a grid with the voxels and levels of a network.

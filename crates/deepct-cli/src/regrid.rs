@@ -1,0 +1,90 @@
+//! `deepct regrid`: fields on the grid of another file.
+
+use crate::cloud::import_as_it_is;
+use crate::global::Global;
+use crate::outcome::Outcome;
+use deepct_core::files::check_output;
+use deepct_core::grid::Volume;
+use deepct_core::io::{
+    Content, Provenance, read_content, read_grid, write_cloud, write_mask, write_volume,
+};
+use deepct_core::optics::extinction;
+use deepct_core::{Error, Result};
+use std::path::{Path, PathBuf};
+
+/// Resample a cloud, a volume or a mask onto the grid of another file
+///
+/// Water and extinction are averaged over larger voxels, which conserves them, and interpolated
+/// linearly between the centres of voxels for smaller ones. A voxel is inside the new mask if a part
+/// of it is inside the old one. The expected error of an estimate is left out, as the errors of
+/// neighbouring voxels depend on each other.
+#[derive(Debug, clap::Args)]
+pub(crate) struct Args {
+    /// File of a cloud, a volume or a mask
+    file: PathBuf,
+    /// Grid: the file of a cloud, volume or mask, or a TOML file (see `deepct formats`)
+    #[arg(long, value_name = "C.nc|GRID.toml")]
+    like: PathBuf,
+    /// File to write
+    #[arg(long, value_name = "V.nc")]
+    out: PathBuf,
+}
+
+pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
+    check_output(&args.out)?;
+    let grid = read_grid(&args.like)?;
+    let provenance = |title: &str| Provenance {
+        title: title.into(),
+        configuration: toml::to_string(&Resolved { file: &args.file, like: &args.like })
+            .expect("paths"),
+        seed: global.seed,
+    };
+    let content = match read_content(&args.file)? {
+        Some(content) => content,
+        None => Content::Cloud(import_as_it_is(&args.file, global)?),
+    };
+    match content {
+        Content::Cloud(cloud) => {
+            let resampled = cloud.resampled(&grid)?;
+            say_change(&extinction(&cloud)?, &extinction(&resampled)?, global);
+            write_cloud(&args.out, &resampled, &provenance("Cloud on another grid"))?;
+        }
+        Content::Estimate(estimate) => {
+            let resampled = estimate.extinction.resampled(&grid);
+            say_change(&estimate.extinction, &resampled, global);
+            write_volume(&args.out, &resampled, &provenance("Extinction on another grid"))?;
+        }
+        Content::Mask(mask) => {
+            write_mask(&args.out, &mask.resampled(&grid), &provenance("Mask on another grid"))?;
+        }
+        Content::Images(_) => {
+            let remedy = "give a cloud, a volume or a mask";
+            return Err(Error::file(
+                &args.file,
+                "radiance",
+                "are images, which have no grid",
+                remedy,
+            ));
+        }
+    }
+    Ok(Outcome::Success)
+}
+
+/// Print how much of the extinction, summed over the volume, is on the new grid.
+fn say_change(before: &Volume, after: &Volume, global: &Global) {
+    let amount = |volume: &Volume| {
+        let sum: f64 = volume.values.iter().map(|value| f64::from(*value)).sum();
+        sum * volume.grid.spacing.element_product()
+    };
+    let (before, after) = (amount(before), amount(after));
+    if !global.quiet && before > 0.0 {
+        say!("extinction  {:.2} % of that of the old grid", 100.0 * after / before);
+    }
+}
+
+/// Parameters of the run, recorded in the output file.
+#[derive(Debug, serde::Serialize)]
+struct Resolved<'a> {
+    file: &'a Path,
+    like: &'a Path,
+}
