@@ -112,7 +112,7 @@ impl Results {
         io::write_mask(at("mask.nc"), &self.mask, &provenance("Space-carving mask"))?;
         io::write_volume(at("estimate.nc"), &self.estimate, &provenance("Network estimate"))?;
         let title = "Images of the ten views";
-        contact_sheet(at("images.png"), &self.noisy.images, &labels(&self.noisy), title)?;
+        contact_sheet(at("images.png"), &self.noisy.images, &labels(&self.noisy), &[], title)?;
         let title = "Cumulus reconstructed from ten noisy views";
         volume_figure(at("cloud.png"), &self.estimate, Some(&self.truth), title)
     }

@@ -19,6 +19,7 @@ mod experiment;
 mod formats;
 mod global;
 mod hybrid;
+mod images;
 mod infer;
 mod inversion;
 mod invert;
@@ -70,6 +71,7 @@ enum Verb {
     Plot(plot::Args),
     Convert(convert::Args),
     Regrid(regrid::Args),
+    Images(images::Args),
     Formats(formats::Args),
     Validate(validate::Args),
     Config(config::Args),
@@ -96,6 +98,7 @@ fn run(cli: Cli) -> deepct_core::Result<Outcome> {
         Verb::Plot(args) => plot::run(&args),
         Verb::Convert(args) => convert::run(&args, &cli.global),
         Verb::Regrid(args) => regrid::run(&args, &cli.global),
+        Verb::Images(args) => images::run(&args),
         Verb::Formats(args) => formats::run(&args),
         Verb::Validate(args) => validate::run(&args, &cli.global),
         Verb::Config(args) => config::run(&args),

@@ -55,7 +55,7 @@ pub(crate) fn run(args: &Args) -> Result<Outcome> {
             ));
         }
         Content::Images(observation) => {
-            contact_sheet(&args.out, &observation.images, &labels(&observation), &title)?;
+            contact_sheet(&args.out, &observation.images, &labels(&observation), &[], &title)?;
         }
     }
     Ok(Outcome::Success)

@@ -213,7 +213,7 @@ impl Args {
         if let Some(path) = &self.png {
             let title = out.file_stem().unwrap_or_default().to_string_lossy();
             let labels = crate::plot::labels(&observation);
-            contact_sheet(name(path), &observation.images, &labels, &title)?;
+            contact_sheet(name(path), &observation.images, &labels, &[], &title)?;
         }
         for warning in &warnings {
             note!("deepct: warning: {warning}");

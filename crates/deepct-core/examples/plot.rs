@@ -39,7 +39,7 @@ fn main() -> Result<()> {
     volume_figure(figure("volume.png"), &estimate, Some(&truth), "Three puffs, smoothed")?;
     scatter_figure(figure("scatter.png"), &truth, &estimate, "Three puffs, smoothed")?;
     let labels = ["full irradiance".to_owned(), "half the irradiance".to_owned()];
-    contact_sheet(figure("images.png"), &images, &labels, "Two images")?;
+    contact_sheet(figure("images.png"), &images, &labels, &[], "Two images")?;
     println!("volume.png, scatter.png and images.png are in {}", folder.display());
     Ok(())
 }

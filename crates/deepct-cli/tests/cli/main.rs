@@ -6,6 +6,7 @@ mod convert;
 mod dataset;
 mod demo;
 mod frame;
+mod images;
 mod infer;
 mod invert;
 mod plot;

@@ -1,9 +1,10 @@
 //! The contact sheet: all images of an observation on one page.
 
-use super::page::{Anchor, Frame, LABEL, Page, TICK, TITLE};
+use super::page::{Anchor, Colour, Frame, LABEL, Page, TICK, TITLE};
 use super::panel::{ColourBar, ColourScale, draw_map};
 use crate::error::{Error, Result};
 use crate::image::ViewStack;
+use glam::DVec2;
 use std::path::Path;
 
 /// Minimum length of the longer side of an image on the page (pixels). Smaller images are enlarged
@@ -17,17 +18,22 @@ const LINE: i32 = 20;
 const HEAD: i32 = 96;
 /// Width of the colour bar with its numbers and label (pixels).
 const BAR: i32 = 130;
+/// Half of the length of the arms of a cross (pixels).
+const CROSS: f64 = 9.0;
+const CROSS_COLOUR: Colour = [220, 40, 40];
 
 /// Draw all images in one PNG file, with north up and east to the right, on a common grey scale
 /// from zero to the brightest pixel. The label of each image is drawn above it and may have
-/// several lines.
+/// several lines. `marks` are points `(row, col)` of the images that are marked by a cross, one for each
+/// image or none at all.
 ///
 /// # Errors
-/// Returns an error if there is not one label per image or if the file cannot be written.
+/// Returns an error if there is not one label (and one mark, if there are any) per image, or if the file cannot be written.
 pub fn contact_sheet(
     path: impl AsRef<Path>,
     images: &ViewStack,
     labels: &[String],
+    marks: &[Option<(f64, f64)>],
     title: &str,
 ) -> Result<()> {
     let [views, rows, cols] = images.shape();
@@ -38,6 +44,10 @@ pub fn contact_sheet(
             labels.len(),
             "give one label per image",
         ));
+    }
+    if !marks.is_empty() && marks.len() != views {
+        let remedy = "give one mark per image, or none";
+        return Err(Error::mismatch("number of marks", views, marks.len(), remedy));
     }
     let lines = labels.iter().map(|label| label.lines().count()).max().unwrap_or(0) as i32;
     let zoom = LEAST_SIDE.div_ceil(rows.max(cols));
@@ -59,6 +69,10 @@ pub fn contact_sheet(
         let image = images.image(view);
         let frame = Frame { left, top, width, height };
         draw_map(&mut page, frame, (rows, cols), |at| scale.colour(f64::from(image[at])));
+        if let Some(Some((row, col))) = marks.get(view) {
+            let at = DVec2::new(col / cols as f64, 1.0 - row / rows as f64);
+            draw_cross(&mut page, frame, at);
+        }
     }
     let top = HEAD + lines * LINE;
     let bar = Frame {
@@ -69,6 +83,18 @@ pub fn contact_sheet(
     };
     ColourBar::linear(scale, "radiance (sr\u{207b}\u{b9})", bar.height).draw(&mut page, bar);
     page.write(path.as_ref())
+}
+
+/// Draw a cross at a point of a frame, given as the shares of its width and height; none outside.
+fn draw_cross(page: &mut Page, frame: Frame, at: DVec2) {
+    if !(0.0..=1.0).contains(&at.x) || !(0.0..=1.0).contains(&at.y) {
+        return;
+    }
+    let corner = DVec2::new(f64::from(frame.left), f64::from(frame.top));
+    let middle = corner + at * DVec2::new(f64::from(frame.width), f64::from(frame.height));
+    for arm in [DVec2::X, DVec2::Y] {
+        page.line(middle - CROSS * arm, middle + CROSS * arm, 2.0, CROSS_COLOUR);
+    }
 }
 
 /// Draw the lines of a label above a point.

@@ -3,6 +3,7 @@
 mod formation;
 mod light;
 mod local;
+mod meeting;
 mod surface;
 mod view;
 mod view_list;
@@ -10,6 +11,7 @@ mod view_list;
 pub use formation::{EARTH_RADIUS_KM, Formation};
 pub use light::{DropletOpticsModel, ExtinctionModel, Light, LightTable, PhaseModel};
 pub use local::camera_from_ecef;
+pub use meeting::Meeting;
 pub use surface::{Surface, Waves};
 pub(crate) use view::Projector;
 pub use view::{Projection, View, target};
