@@ -1,9 +1,10 @@
 //! `deepct carve`: the voxels that may contain cloud according to the images.
 
+use crate::files::Files;
 use crate::global::Global;
 use crate::outcome::Outcome;
 use deepct_core::carve::{CarveSettings, carve};
-use deepct_core::files::check_output;
+use deepct_core::grid::Grid;
 use deepct_core::io::{Provenance, read_grid, read_observation, write_mask};
 use deepct_core::{Error, Result};
 use std::path::{Path, PathBuf};
@@ -11,8 +12,8 @@ use std::path::{Path, PathBuf};
 /// Find the voxels of a grid that may contain cloud, by space carving
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
-    /// File of images
-    images: PathBuf,
+    #[command(flatten)]
+    files: Files,
     /// Grid to carve: the file of a cloud or volume, or a TOML file (see `deepct formats`)
     #[arg(long, value_name = "C.nc|GRID.toml")]
     grid: PathBuf,
@@ -24,23 +25,45 @@ pub(crate) struct Args {
     /// kept
     #[arg(long, default_value_t = CarveSettings::default().agreement, value_name = "A")]
     agreement: f64,
-    /// File of the mask to write
-    #[arg(long, value_name = "M.nc")]
-    out: PathBuf,
+    /// Print a JSON array with an object for each file
+    #[arg(long)]
+    json: bool,
 }
 
 pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
-    check_output(&args.out)?;
     let settings = CarveSettings { threshold: args.threshold, agreement: args.agreement };
     settings.check()?;
-    let observation = read_observation(&args.images)?;
     let grid = read_grid(&args.grid)?;
-    let carved = carve(&observation, &grid, &settings).map_err(Error::in_file(&args.images))?;
+    let mut summaries = Vec::new();
+    let result = args.files.each(|images, out| {
+        let summary = carve_file(args, &settings, &grid, images, out, global)?;
+        if !global.quiet && !args.json {
+            if args.files.are_many() { summary.say_line() } else { summary.say() }
+        }
+        summaries.push(summary);
+        Ok(())
+    });
+    if args.json {
+        say!("{}", serde_json::to_string_pretty(&summaries).expect("plain numbers and text"));
+    }
+    result.map(|()| Outcome::Success)
+}
+
+fn carve_file(
+    args: &Args,
+    settings: &CarveSettings,
+    grid: &Grid,
+    images: &Path,
+    out: &Path,
+    global: &Global,
+) -> Result<Summary> {
+    let observation = read_observation(images)?;
+    let carved = carve(&observation, grid, settings).map_err(Error::in_file(images))?;
     if let Some(warning) = carved.warning() {
-        note!("deepct: warning: {}: {warning}", args.images.display());
+        note!("deepct: warning: {}: {warning}", images.display());
     }
     let resolved = Resolved {
-        images: &args.images,
+        images,
         grid: &args.grid,
         thresholds: &carved.thresholds,
         agreement: args.agreement,
@@ -50,19 +73,44 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
         configuration: toml::to_string(&resolved).expect("plain numbers and text"),
         seed: global.seed,
     };
-    write_mask(&args.out, &carved.mask, &provenance)?;
-    if !global.quiet {
-        let share = carved.mask.count() as f64 / grid.len() as f64;
-        let ends = |pick: fn(f32, f32) -> f32| carved.thresholds.iter().copied().reduce(pick);
+    write_mask(out, &carved.mask, &provenance)?;
+    Ok(Summary {
+        images: images.into(),
+        out: out.into(),
+        voxels: grid.len(),
+        kept: carved.mask.count() as f64 / grid.len() as f64,
+        thresholds: carved.thresholds,
+    })
+}
+
+/// What is printed about a mask.
+#[derive(Debug, serde::Serialize)]
+struct Summary {
+    images: PathBuf,
+    out: PathBuf,
+    /// Number of voxels of the grid.
+    voxels: usize,
+    /// Share of the voxels that are inside.
+    kept: f64,
+    /// Radiance (1/sr) above which a pixel is cloudy, for each view.
+    thresholds: Vec<f32>,
+}
+
+impl Summary {
+    fn say(&self) {
+        let ends = |pick: fn(f32, f32) -> f32| self.thresholds.iter().copied().reduce(pick);
         match (ends(f32::min), ends(f32::max)) {
             (Some(least), Some(most)) if least < most => {
                 say!("threshold  {least:.5} to {most:.5} sr-1, by view");
             }
             (least, _) => say!("threshold  {:.5} sr-1", least.unwrap_or(0.0)),
         }
-        say!("kept       {:.4} of {} voxels", share, grid.len());
+        say!("kept       {:.4} of {} voxels", self.kept, self.voxels);
     }
-    Ok(Outcome::Success)
+
+    fn say_line(&self) {
+        say!("{}  {:.4} of {} voxels", self.out.display(), self.kept, self.voxels);
+    }
 }
 
 /// Parameters of the run, recorded in the output file.

@@ -41,7 +41,7 @@ Written by `convert`, by the ending of the name
   .tif      images: 16-bit grey levels, one page per view, north up; the description of a
             page has the radiance of a grey level
   .png      images: the same, one file per view
-  .exr      images: 32-bit floats, one layer per view, north up (also render --exr I.exr)
+  .exr      images: OpenEXR, 32-bit floats, one layer per view, north up (also render --exr)
 
 Written by `plot` and `render --png`
   .png      figures

@@ -2,12 +2,12 @@
 
 use crate::config;
 use crate::defaults;
+use crate::files::Files;
 use crate::global::Global;
 use crate::network::NetworkFlags;
 use crate::outcome::Outcome;
 use deepct_core::carve::{CarveSettings, carve};
 use deepct_core::conv;
-use deepct_core::files::check_output;
 use deepct_core::grid::{Grid, Mask, Volume};
 use deepct_core::io::{Provenance, read_mask, read_observation, write_estimate};
 use deepct_core::network::{Estimate, Estimator};
@@ -18,8 +18,8 @@ use std::path::{Path, PathBuf};
 /// Reconstruct the extinction of a cloud with the network
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
-    /// File of images
-    images: PathBuf,
+    #[command(flatten)]
+    files: Files,
     #[command(flatten)]
     network: NetworkFlags,
     /// Set the extinction to zero outside this mask
@@ -28,9 +28,9 @@ pub(crate) struct Args {
     /// Set the extinction to zero outside the mask that `deepct carve` finds
     #[arg(long)]
     carve: bool,
-    /// File of the extinction to write
-    #[arg(long, value_name = "V.nc")]
-    out: PathBuf,
+    /// Print a JSON array with an object for each file
+    #[arg(long)]
+    json: bool,
     #[command(flatten)]
     settings: config::Settings,
 }
@@ -67,60 +67,121 @@ impl ConvolutionSettings {
 }
 
 pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
-    check_output(&args.out)?;
     let settings: InferSettings = args.settings.resolve(defaults::INFER)?;
     let convolution = settings.convolution.resolve()?;
-    let network = args.network.estimator(convolution)?;
-    let grid = args.network.grid()?;
-    let observation = read_observation(&args.images)?;
-    let mut estimate =
-        infer(&network, &observation, grid.as_ref()).map_err(Error::in_file(&args.images))?;
-    let rounding = match convolution.precision {
-        conv::Precision::Single => None,
-        _ => {
-            let single = conv::Settings { precision: conv::Precision::Single, ..convolution };
-            let exact = infer(&args.network.estimator(single)?, &observation, grid.as_ref())?;
-            Some(Rounding::between(&estimate.extinction, &exact.extinction))
-        }
-    };
-    let mask = find_mask(args, &observation, &estimate.extinction)?;
-    args.network.warn_of_unusual_images(&network, &observation, &estimate)?;
-    args.network.warn_of_ends(&estimate);
-    if let Some(mask) = mask {
-        mask.apply(&mut estimate.extinction)?;
-        estimate.uncertainty.as_mut().map_or(Ok(()), |values| mask.apply(values))?;
-    }
-    let weights = network.weights();
-    let resolved = Resolved {
-        images: &args.images,
-        weights: &args.network.weights,
-        formation: weights.formation(),
-        trained_on: &weights.training().identity,
-        grid: args.network.grid.as_deref(),
-        mask: args.mask.as_deref(),
-        carve: args.carve,
+    let rounded = convolution.precision != conv::Precision::Single;
+    let single = conv::Settings { precision: conv::Precision::Single, ..convolution };
+    let run = Run {
+        args,
+        global,
+        network: args.network.estimator(convolution)?,
+        exact: rounded.then(|| args.network.estimator(single)).transpose()?,
+        grid: args.network.grid()?,
         settings,
     };
-    let provenance = Provenance {
-        title: "Extinction by the network".into(),
-        configuration: toml::to_string(&resolved).expect("plain numbers and text"),
-        seed: global.seed,
-    };
-    write_estimate(&args.out, &estimate, &observation, &provenance)?;
-    if !global.quiet {
-        let Volume { grid, values } = &estimate.extinction;
-        let [levels, rows, cols] = grid.shape;
-        let largest = values.iter().copied().fold(0.0, f32::max);
-        let (low, high) = (grid.lower().z, grid.upper().z);
+    let mut summaries = Vec::new();
+    let result = args.files.each(|images, out| {
+        let summary = run.file(images, out)?;
+        if !global.quiet && !args.json {
+            if args.files.are_many() { summary.say_line() } else { summary.say() }
+        }
+        summaries.push(summary);
+        Ok(())
+    });
+    if args.json {
+        say!("{}", serde_json::to_string_pretty(&summaries).expect("plain numbers and text"));
+    }
+    result.map(|()| Outcome::Success)
+}
+
+/// What all files have in common.
+struct Run<'a> {
+    args: &'a Args,
+    global: &'a Global,
+    network: Estimator,
+    /// The network in single precision, if the other one is not.
+    exact: Option<Estimator>,
+    grid: Option<Grid>,
+    settings: InferSettings,
+}
+
+impl Run<'_> {
+    /// Estimate the extinction for one file of images, and write it.
+    fn file(&self, images: &Path, out: &Path) -> Result<Summary> {
+        let Self { args, network, grid, .. } = self;
+        let observation = read_observation(images)?;
+        let estimate = |network| infer(network, &observation, grid.as_ref());
+        let mut estimated = estimate(network).map_err(Error::in_file(images))?;
+        let exact = self.exact.as_ref().map(estimate).transpose()?;
+        let rounding =
+            exact.map(|exact| Rounding::between(&estimated.extinction, &exact.extinction));
+        let mask = find_mask(args, images, &observation, &estimated.extinction)?;
+        args.network.warn_of_unusual_images(network, &observation, &estimated)?;
+        args.network.warn_of_ends(&estimated);
+        if let Some(mask) = mask {
+            mask.apply(&mut estimated.extinction)?;
+            estimated.uncertainty.as_mut().map_or(Ok(()), |values| mask.apply(values))?;
+        }
+        let weights = network.weights();
+        let resolved = Resolved {
+            images,
+            weights: &args.network.weights,
+            formation: weights.formation(),
+            trained_on: &weights.training().identity,
+            grid: args.network.grid.as_deref(),
+            mask: args.mask.as_deref(),
+            carve: args.carve,
+            settings: &self.settings,
+        };
+        let provenance = Provenance {
+            title: "Extinction by the network".into(),
+            configuration: toml::to_string(&resolved).expect("plain numbers and text"),
+            seed: self.global.seed,
+        };
+        write_estimate(out, &estimated, &observation, &provenance)?;
+        let Volume { grid, values } = &estimated.extinction;
+        Ok(Summary {
+            images: images.into(),
+            out: out.into(),
+            shape: grid.shape,
+            altitudes_km: [grid.lower().z, grid.upper().z],
+            largest: values.iter().copied().fold(0.0, f32::max),
+            expected_epsilon: estimated.expected_relative_error(),
+            rounding,
+        })
+    }
+}
+
+/// What is printed about an estimate.
+#[derive(Debug, serde::Serialize)]
+struct Summary {
+    images: PathBuf,
+    out: PathBuf,
+    /// `[z, y, x]`.
+    shape: [usize; 3],
+    /// Of the bottom and the top of the grid.
+    altitudes_km: [f64; 2],
+    /// Largest extinction (1/km).
+    largest: f32,
+    /// The relative error that the network expects.
+    expected_epsilon: Option<f64>,
+    #[serde(skip)]
+    rounding: Option<Rounding>,
+}
+
+impl Summary {
+    fn say(&self) {
+        let [levels, rows, cols] = self.shape;
+        let [low, high] = self.altitudes_km;
         say!("grid     {levels} levels of {rows} x {cols} columns, {low:.3} to {high:.3} km");
-        say!("largest  {largest:.3} km-1");
-        if largest == 0.0 {
+        say!("largest  {:.3} km-1", self.largest);
+        if self.largest == 0.0 {
             say!("the estimate is empty: the network found no cloud in this grid");
         }
-        if let Some(epsilon) = estimate.expected_relative_error() {
+        if let Some(epsilon) = self.expected_epsilon {
             say!("epsilon  {epsilon:.3} expected");
         }
-        if let Some(Rounding { largest, root_mean_square }) = rounding {
+        if let Some(Rounding { largest, root_mean_square }) = self.rounding {
             say!(
                 "bfloat16 differs from single precision by at most {:.2} % of the largest value \
                  and by {:.2} % in the root mean square",
@@ -129,7 +190,12 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
             );
         }
     }
-    Ok(Outcome::Success)
+
+    fn say_line(&self) {
+        let epsilon = self.expected_epsilon.map_or("-".into(), |epsilon| format!("{epsilon:.3}"));
+        let Self { out, largest, .. } = self;
+        say!("{}  largest {largest:.3} km-1, epsilon {epsilon} expected", out.display());
+    }
 }
 
 /// Differences between a volume computed with rounded factors and one in single precision.
@@ -158,12 +224,17 @@ fn infer(network: &Estimator, observation: &Observation, grid: Option<&Grid>) ->
 }
 
 /// The requested mask, on the grid of the volume.
-fn find_mask(args: &Args, observation: &Observation, volume: &Volume) -> Result<Option<Mask>> {
+fn find_mask(
+    args: &Args,
+    images: &Path,
+    observation: &Observation,
+    volume: &Volume,
+) -> Result<Option<Mask>> {
     if args.carve {
         let carved = carve(observation, &volume.grid, &CarveSettings::default());
-        let carved = carved.map_err(Error::in_file(&args.images))?;
+        let carved = carved.map_err(Error::in_file(images))?;
         if let Some(warning) = carved.warning() {
-            note!("deepct: warning: {}: {warning}", args.images.display());
+            note!("deepct: warning: {}: {warning}", images.display());
         }
         return Ok(Some(carved.mask));
     }
@@ -191,5 +262,5 @@ struct Resolved<'a> {
     mask: Option<&'a Path>,
     carve: bool,
     #[serde(flatten)]
-    settings: InferSettings,
+    settings: &'a InferSettings,
 }

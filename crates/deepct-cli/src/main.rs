@@ -16,6 +16,7 @@ mod dataset;
 mod defaults;
 mod demo;
 mod experiment;
+mod files;
 mod formats;
 mod global;
 mod hybrid;

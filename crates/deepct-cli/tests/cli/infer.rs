@@ -287,3 +287,36 @@ fn inspection_tells_what_weights_are_for() {
     assert_eq!(report["levels"]["count"], 6);
     assert_eq!(report["view_geometry"]["view_zenith_deg"].as_array().unwrap().len(), 10);
 }
+
+#[test]
+fn many_files_are_processed_by_one_command() {
+    let program = Program::new();
+    program.succeed("cloud generate --seed 5 --set shape=[8,12,14] --set width_km=0.3 --set depth_km=0.16 --out C.nc");
+    program.succeed("render C.nc --views cloudct-10 --samples 2 --out I.nc");
+    program.succeed("render C.nc --views cloudct-10 --samples 2 --seed 2 --out J.nc");
+    program.succeed("infer I.nc --grid C.nc --carve --out V.nc");
+    program.succeed("carve J.nc --grid C.nc --out M.nc");
+    let lines = program.succeed("infer I.nc J.nc --grid C.nc --carve --out-dir many");
+    assert_eq!(lines.lines().count(), 2, "{lines}");
+    assert!(lines.contains("many/I.nc  largest"), "{lines}");
+    let [alone, among] = ["V.nc", "many/I.nc"].map(|name| read_volume(program.path(name)).unwrap());
+    assert_eq!(alone, among);
+
+    let json = program.succeed("carve I.nc J.nc --grid C.nc --out-dir many --json");
+    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    assert_eq!(json.as_array().unwrap().len(), 2);
+    assert!(json[1]["kept"].as_f64().unwrap() > 0.0);
+    let [alone, among] = ["M.nc", "many/J.nc"].map(|name| read_mask(program.path(name)).unwrap());
+    assert_eq!(alone, among);
+
+    // A file that cannot be read does not keep the others from being processed.
+    let run = program.run("infer C.nc J.nc --grid C.nc --out-dir some");
+    assert_eq!(run.code, 2);
+    assert!(run.stderr.contains("C.nc: radiance: is missing"), "{}", run.stderr);
+    assert!(run.stderr.contains("number of files that failed is 1"), "{}", run.stderr);
+    assert!(program.path("some/J.nc").exists() && !program.path("some/C.nc").exists());
+
+    program.refuse("infer I.nc J.nc --grid C.nc --out V.nc", &["--out-dir"]);
+    program.refuse("infer I.nc --grid C.nc --out-dir .", &["is an input of this command"]);
+    program.refuse("infer I.nc many/I.nc --grid C.nc --out-dir more", &["output of two files"]);
+}

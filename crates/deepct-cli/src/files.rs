@@ -1,0 +1,91 @@
+//! Verbs that process several files with the same settings.
+
+use crate::output::is_same_file;
+use deepct_core::files::check_output;
+use deepct_core::{Error, Result};
+use std::path::{Path, PathBuf};
+
+/// The files of a verb, and where its outputs are written.
+#[derive(Debug, clap::Args)]
+pub(crate) struct Files {
+    /// Files of images
+    #[arg(required = true, value_name = "IMAGES")]
+    images: Vec<PathBuf>,
+    /// File to write, for a single file of images
+    #[arg(long, value_name = "FILE.nc", required_unless_present = "out_dir")]
+    out: Option<PathBuf>,
+    /// Folder to write to: one file for each file of images, with the same name. A file that cannot
+    /// be processed is reported, and the others are processed all the same
+    #[arg(long, value_name = "DIR", conflicts_with = "out")]
+    out_dir: Option<PathBuf>,
+}
+
+impl Files {
+    /// Whether there may be several files, of which one line each is printed.
+    pub(crate) fn are_many(&self) -> bool {
+        self.out_dir.is_some()
+    }
+
+    /// Calls `process` with each file of images and the file to write.
+    ///
+    /// # Errors
+    /// Outputs that cannot be written or would replace an input, before anything is processed; the
+    /// error of a single file; and, after all files, a number of files that could not be processed,
+    /// whose errors have been printed.
+    pub(crate) fn each(&self, mut process: impl FnMut(&Path, &Path) -> Result<()>) -> Result<()> {
+        let outputs = self.outputs()?;
+        if !self.are_many() {
+            return process(&self.images[0], &outputs[0]);
+        }
+        let mut failed = 0;
+        for (images, out) in self.images.iter().zip(&outputs) {
+            match process(images, out) {
+                Ok(()) => {}
+                Err(Error::Interrupted) => return Err(Error::Interrupted),
+                Err(problem) => {
+                    note!("deepct: {problem}");
+                    failed += 1;
+                }
+            }
+        }
+        if failed == 0 {
+            return Ok(());
+        }
+        let range = "0: see the messages above";
+        Err(Error::out_of_range("number of files that failed", failed, range))
+    }
+
+    /// The files to write.
+    fn outputs(&self) -> Result<Vec<PathBuf>> {
+        let outputs: Vec<PathBuf> = match (&self.out, &self.out_dir) {
+            (Some(out), _) if self.images.len() == 1 => vec![out.clone()],
+            (Some(_), _) => {
+                let range = "1 with --out; give --out-dir for several files";
+                return Err(Error::out_of_range("number of files", self.images.len(), range));
+            }
+            (None, folder) => {
+                let folder = folder.as_deref().unwrap_or(Path::new("."));
+                self.images
+                    .iter()
+                    .map(|images| folder.join(images.file_name().unwrap_or_default()))
+                    .collect()
+            }
+        };
+        let lost = |out: &Path, problem: &str| {
+            Error::file(out, "--out-dir", problem, "give another folder, or rename the files")
+        };
+        for (number, out) in outputs.iter().enumerate() {
+            if outputs[..number].contains(out) {
+                return Err(lost(out, "is the output of two files, of which one would be lost"));
+            }
+            if self.are_many() && self.images.iter().any(|images| is_same_file(images, out)) {
+                return Err(lost(out, "is an input of this command, which would be lost"));
+            }
+        }
+        self.out_dir
+            .iter()
+            .try_for_each(|folder| std::fs::create_dir_all(folder).map_err(Error::io(folder)))?;
+        outputs.iter().try_for_each(|out| check_output(out))?;
+        Ok(outputs)
+    }
+}
