@@ -228,13 +228,16 @@ impl CloudParameters<'_> {
     /// value is retained. Returns the number of columns that had no water before.
     fn add(&self, water: &mut Array3<f32>, turrets: &[Turret]) -> usize {
         let grid = &self.grid;
+        let is_near =
+            |axis: usize, at: DVec3| turrets.iter().any(|turret| turret.is_near(self, axis, at));
+        let columns: Vec<usize> =
+            (0..grid.shape[2]).filter(|i| is_near(0, grid.voxel_center([0, 0, *i]))).collect();
         let rows = water.axis_iter_mut(Axis(1)).into_par_iter().enumerate();
         rows.map(|(j, mut row)| {
-            let y = grid.voxel_center([0, j, 0]).y;
-            if !turrets.iter().any(|turret| turret.is_near(self, y)) {
+            if !is_near(1, grid.voxel_center([0, j, 0])) {
                 return 0;
             }
-            let before = covered(&row.view());
+            let before = covered(&row.view(), &columns);
             for (k, mut line) in row.axis_iter_mut(Axis(0)).enumerate() {
                 let start = grid.voxel_center([k, j, 0]);
                 let height = start.z - self.base;
@@ -249,7 +252,8 @@ impl CloudParameters<'_> {
                 let core = self.adiabatic_fraction
                     * (-height / ENTRAINMENT).exp()
                     * adiabatic_liquid_water(height);
-                for (i, water) in line.iter_mut().enumerate() {
+                for &i in &columns {
+                    let water = &mut line[i];
                     let at = start + DVec3::X * (grid.spacing.x * i as f64);
                     let depths = near.iter().map(|turret| turret.depth(self, at, height));
                     let depth = depths.fold(f64::NEG_INFINITY, f64::max)
@@ -260,7 +264,7 @@ impl CloudParameters<'_> {
                     }
                 }
             }
-            covered(&row.view()) - before
+            covered(&row.view(), &columns) - before
         })
         .sum()
     }
@@ -278,10 +282,10 @@ impl CloudParameters<'_> {
     }
 }
 
-/// The number of columns of a row `[z, x]` that contain water.
-fn covered(row: &ArrayView2<f32>) -> usize {
-    let wet = row.fold_axis(Axis(0), false, |wet, water| *wet || *water > 0.0);
-    wet.iter().filter(|wet| **wet).count()
+/// The number of `columns` of a row `[z, x]` that contain water.
+fn covered(row: &ArrayView2<f32>, columns: &[usize]) -> usize {
+    let is_covered = |i: &&usize| row.column(**i).iter().any(|water| *water > 0.0);
+    columns.iter().filter(is_covered).count()
 }
 
 /// The wavelength (in voxels) at which the power is damped to 1/e.
@@ -313,12 +317,13 @@ impl Turret {
         self.offset(parameters, 1, y, height).abs() < self.reach(parameters)
     }
 
-    /// Whether [`Turret::reaches`] may be true of any level of a row.
-    fn is_near(&self, parameters: &CloudParameters, y: f64) -> bool {
+    /// Whether the turret, at its largest displacement, can have the same x (`axis` 0) or y (1) as a
+    /// point, at any height.
+    fn is_near(&self, parameters: &CloudParameters, axis: usize, at: DVec3) -> bool {
         let grid = &parameters.grid;
         let heights = [grid.lower().z, grid.upper().z].map(|z| (z - parameters.base).abs());
-        let drift = self.lean[1].abs() * heights[0].max(heights[1]);
-        self.offset(parameters, 1, y, 0.0).abs() < self.reach(parameters) + drift
+        let drift = self.lean[axis].abs() * heights[0].max(heights[1]);
+        self.offset(parameters, axis, at[axis], 0.0).abs() < self.reach(parameters) + drift
     }
 
     /// The largest distance (km) of its outline from its axis.
