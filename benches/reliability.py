@@ -1,29 +1,32 @@
 #!/usr/bin/env python3
 """Reliability of the program (docs/notes/reliability.md).
 
-    python3 benches/reliability.py kill --verb invert --times 50
+    python3 benches/reliability.py kill --verb invert --times 25
     python3 benches/reliability.py mutate --minutes 30
     python3 benches/reliability.py load --inferences 100000
 
-- kill: an inversion is stopped at random moments, twice each time, by SIGKILL or SIGINT, and
-  resumed; its extinction is compared with that of a run that was not stopped.
+- kill: an inversion, the generation of a data set, an experiment or a training is stopped at random
+  moments, twice each time, and resumed; its results are compared with those of a run that was not
+  stopped.
 - mutate: files of images, clouds and weights in which single bytes are changed, or whose end is
   missing, are given to the program. Each must be read or refused with the exit status 2.
 - load: images of changing sizes and formations are given to networks in one Python process, from
   several threads; its memory must not grow.
 
-Needs numpy and h5py, and deepct_py for load.
+Needs numpy and h5py, deepct_py for load, and weights_tools for kill --verb train.
 """
 
 from __future__ import annotations
 
 import argparse
 import collections
+import json
 import os
 import random
 import resource
 import signal
 import subprocess
+import sys
 import tempfile
 import threading
 import time
@@ -47,33 +50,125 @@ def inputs(program: Path, folder: Path) -> None:
     run(program, "sense clean.nc --out images.nc", folder)
 
 
-def kill(arguments: argparse.Namespace, folder: Path) -> None:
+SETTINGS = {
+    "dataset.toml": """
+formation = "cloudct-10"
+columns = 20
+[[sources]]
+file = "train.nc"
+split = "train"
+first = 0
+last = 0
+every = 1
+clouds = 4
+[[sources]]
+file = "validation.nc"
+split = "validation"
+first = 0
+last = 0
+every = 1
+clouds = 2
+""",
+    "experiment.toml": """
+clouds = ["small.nc"]
+generated = 0
+weights = "general"
+formation = "cloudct-10"
+samples_per_pixel = 64
+quick_iterations = 3
+[inversion]
+iterations = 6
+""",
+    "training.toml": """
+formation = "cloudct-10"
+[network]
+layers = 2
+[training]
+epochs = 20
+batch = 2
+""",
+}
+"""The settings of the commands that are stopped."""
+
+COMMANDS = {
+    "invert": "DEEPCT -q invert small_images.nc --grid small.nc --iterations 15 --resume --out OUT",
+    "hybrid": "DEEPCT -q hybrid small_images.nc --grid small.nc --iterations 15 --resume --out OUT",
+    "dataset": "DEEPCT -q dataset generate dataset.toml --out OUT",
+    "experiment": "DEEPCT -q experiment experiment.toml --out OUT",
+    "train": "PYTHON -m weights_tools train training.toml --dataset data --threads 1 --out OUT",
+}
+"""The commands that are stopped, which continue when they are repeated."""
+
+
+def small_inputs(program: Path, folder: Path) -> None:
+    for name, text in SETTINGS.items():
+        (folder / name).write_text(text)
+    shape = "--set shape=[16,20,20] --set width_km=0.5 --set depth_km=0.3"
+    run(program, f"cloud generate --seed 5 {shape} --out small.nc", folder)
+    run(program, "render small.nc --views cloudct-10 --samples 64 --out small_images.nc", folder)
+    for name, seed in [("train", 3), ("validation", 4)]:
+        run(program, f"cloud generate --kind field --seed {seed} --out {name}.nc", folder)
+
+
+def results(place: Path) -> dict[str, object]:
+    """All that a command has computed, without the time that it took."""
     import h5py
 
-    def extinction(name: str) -> np.ndarray:
-        with h5py.File(folder / name) as file:
-            return file["extinction"][...]
+    if place.is_file():
+        with h5py.File(place) as file:
+            return {place.name: file["extinction"][...].tobytes()}
+    found: dict[str, object] = {}
+    for path in sorted(place.rglob("*")):
+        name = str(path.relative_to(place))
+        if path.name.startswith(".") or path.is_dir():
+            continue
+        if name.startswith("samples/") or path.name == "plan.json":
+            found[name] = path.read_bytes()
+        elif name.startswith("volumes/"):
+            found[name] = results(path)
+        elif name.startswith("results/"):
+            found[name] = {**json.loads(path.read_text()), "seconds": None}
+        elif path.suffix == ".pt":
+            from weights_tools.checkpoint import load_checkpoint
 
-    start = [arguments.program, "-q", arguments.verb, "images.nc", "--grid", "cloud.nc"]
+            state = load_checkpoint(path)["model_state_dict"]
+            found[name] = {part: values.numpy().tobytes() for part, values in state.items()}
+    return found
+
+
+def kill(arguments: argparse.Namespace, folder: Path) -> None:
+    how = getattr(signal, f"SIG{arguments.signal}")
+    if arguments.verb == "train":
+        run(arguments.program, "dataset generate dataset.toml --out data", folder)
+
+    def start(out: str) -> subprocess.Popen:
+        words = {"DEEPCT": str(arguments.program), "PYTHON": sys.executable, "OUT": out}
+        command = [words.get(word, word) for word in COMMANDS[arguments.verb].split()]
+        return subprocess.Popen(command, cwd=folder, stdout=subprocess.DEVNULL)
+
+    def complete(out: str) -> dict[str, object]:
+        if start(out).wait() != 0:
+            raise SystemExit(f"{arguments.verb} fails: see {folder}")
+        return results(folder / out)
+
     begun = time.monotonic()
-    subprocess.run([*start, "--out", "whole.nc"], cwd=folder, check=True)
-    whole, duration = extinction("whole.nc"), time.monotonic() - begun
-    different, slowest = 0, 0.0
-    for _ in range(arguments.times):
-        for name in ("part.nc", "part.nc.checkpoint"):
-            (folder / name).unlink(missing_ok=True)
-        how = random.choice([signal.SIGKILL, signal.SIGINT])
+    whole = complete("whole.nc")
+    duration = time.monotonic() - begun
+    different, running, slowest = 0, 0, 0.0
+    for number in range(arguments.times):
+        out = f"part-{number}.nc"
         for _ in range(2):
-            process = subprocess.Popen([*start, "--out", "part.nc", "--resume"], cwd=folder)
+            process = start(out)
             time.sleep(random.uniform(0.05, 0.9) * duration)
+            running += process.poll() is None
             process.send_signal(how)
             sent = time.monotonic()
             process.wait()
             slowest = max(slowest, time.monotonic() - sent)
-        subprocess.run([*start, "--out", "part.nc", "--resume"], cwd=folder, check=True)
-        different += not np.array_equal(extinction("part.nc"), whole)
-    print(f"{arguments.verb}: {different} of {arguments.times} resumed runs differ; ended at most "
-          f"{slowest:.2f} s after the signal")
+        different += complete(out) != whole
+    print(f"{arguments.verb}: {running} runs of about {duration:.0f} s were stopped by "
+          f"SIG{arguments.signal}, and ended at most {slowest:.2f} s later; {different} of "
+          f"{arguments.times} that were stopped twice have another result")
 
 
 def mutate(arguments: argparse.Namespace, folder: Path) -> None:
@@ -150,8 +245,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("what", choices=["kill", "mutate", "load"])
     parser.add_argument("--program", type=Path, default=Path("target/release/deepct"))
-    parser.add_argument("--verb", choices=["invert", "hybrid"], default="invert")
-    parser.add_argument("--times", type=int, default=50)
+    parser.add_argument("--verb", choices=list(COMMANDS), default="invert")
+    parser.add_argument("--signal", choices=["KILL", "INT"], default="KILL")
+    parser.add_argument("--times", type=int, default=25)
     parser.add_argument("--minutes", type=float, default=30.0)
     parser.add_argument("--inferences", type=int, default=100_000)
     parser.add_argument("--seed", type=int, default=1)
@@ -162,7 +258,7 @@ def main() -> None:
     # It is not removed: it holds the files with which the program did not end as it should.
     folder = Path(tempfile.mkdtemp(prefix="deepct-reliability-"))
     if arguments.what != "load":
-        inputs(arguments.program, folder)
+        {"kill": small_inputs, "mutate": inputs}[arguments.what](arguments.program, folder)
     {"kill": kill, "mutate": mutate, "load": load}[arguments.what](arguments, folder)
 
 

@@ -12,10 +12,12 @@ use ndarray::Array3;
 use std::path::Path;
 use std::sync::OnceLock;
 
-/// A folder for the files of this process.
+/// A folder for the files of this process, in memory where the system has a file system there: most
+/// executions write a file.
 pub fn folder() -> &'static Path {
     static FOLDER: OnceLock<tempfile::TempDir> = OnceLock::new();
-    FOLDER.get_or_init(|| tempfile::tempdir().unwrap()).path()
+    let create = || tempfile::tempdir_in("/dev/shm").or_else(|_| tempfile::tempdir()).unwrap();
+    FOLDER.get_or_init(create).path()
 }
 
 /// Writes `bytes` to a file and calls `read` with its path. The same file is used again, as the

@@ -165,3 +165,24 @@ def test_distributed_tensors_are_refused(tmp_path, state):
     torch.save(whole, tmp_path / "whole.pt")
     found = state_dict_of(load_checkpoint(tmp_path / "whole.pt"), "whole.pt")
     assert torch.equal(found[name], state[name])
+
+
+def test_a_changed_byte_is_refused_or_changes_nothing(tmp_path):
+    path = tmp_path / "network.pt"
+    state = {"weight": torch.arange(500.0), "epoch": torch.tensor(3)}
+    torch.save(state, path)
+    content = path.read_bytes()
+    refused = 0
+    for at in range(0, len(content), 17):
+        changed = bytearray(content)
+        changed[at] ^= 4
+        path.write_bytes(changed)
+        try:
+            found = load_checkpoint(path)
+        except InputError:
+            refused += 1
+            continue
+        assert found.keys() == state.keys(), at
+        assert all(torch.equal(found[name], values) for name, values in state.items()), at
+    # What is left are the time stamps of the archive, and the padding before its members.
+    assert refused > 0.7 * len(range(0, len(content), 17))

@@ -1,11 +1,15 @@
 """Training: learning, resuming after an interruption, and refusal of invalid input."""
 
 import csv
+import subprocess
+import sys
+import time
 from dataclasses import replace
 
 import pytest
 import torch
 
+from weights_tools.__main__ import main
 from weights_tools.checkpoint import load_checkpoint
 from weights_tools.curves import figure
 from weights_tools.dataset import load_dataset
@@ -70,6 +74,43 @@ def test_a_run_that_was_killed_ends_like_one_that_was_not(data, tmp_path):
                     found = cut["optimizer_state_dict"][number]["state"][parameter][key]
                     assert torch.equal(values, found)
     assert [row["loss"] for row in whole["history"]] == [row["loss"] for row in cut["history"]]
+
+
+TOML = """
+formation = "cloudct-10"
+[network]
+layers = 2
+[training]
+epochs = 60
+batch = 2
+"""
+
+
+def test_a_process_that_was_killed_is_resumed(dataset_folder, tmp_path):
+    recipe = tmp_path / "recipe.toml"
+    recipe.write_text(TOML)
+
+    def command(out):
+        options = ["--dataset", str(dataset_folder), "--threads", "1", "--out", str(tmp_path / out)]
+        return ["train", str(recipe), *options]
+
+    assert main(command("whole")) == 0
+    for number in range(2):
+        process = subprocess.Popen([sys.executable, "-m", "weights_tools", *command("cut")])
+        last = tmp_path / "cut" / LAST
+        before = last.stat().st_mtime_ns if number else None
+        while process.poll() is None and not (last.exists() and last.stat().st_mtime_ns != before):
+            time.sleep(0.01)
+        time.sleep(0.02 * number)
+        process.kill()
+        process.wait()
+    assert load_checkpoint(last)["epoch"] < 60
+    assert main(command("cut")) == 0
+    whole, cut = (
+        load_checkpoint(tmp_path / run / LAST)["model_state_dict"] for run in ("whole", "cut")
+    )
+    assert whole.keys() == cut.keys()
+    assert all(torch.equal(whole[part], cut[part]) for part in whole)
 
 
 def test_it_learns_and_the_best_epoch_is_kept(data, tmp_path):

@@ -138,7 +138,8 @@ impl MeetingSummary {
 
 impl Summary {
     fn of(observation: &Observation) -> Result<Self> {
-        let Observation { light, assumed, views, images, standard_error, saturated } = observation;
+        let Observation { light, assumed, views, images, standard_error, saturated, .. } =
+            observation;
         let (low, high) =
             images.values.iter().fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), value| {
                 (low.min(*value), high.max(*value))

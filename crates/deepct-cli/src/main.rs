@@ -83,6 +83,7 @@ enum Verb {
 fn run(cli: Cli) -> deepct_core::Result<Outcome> {
     cli.global.start()?;
     output::check_outputs(std::env::args_os())?;
+    output::warn_of_incomplete(std::env::args_os());
     match cli.verb {
         Verb::Cloud(args) => cloud::run(&args, &cli.global),
         Verb::Render(args) => render::run(&args, &cli.global),

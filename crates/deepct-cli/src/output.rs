@@ -1,5 +1,6 @@
-//! Files that a command line would write over its own inputs.
+//! The files that a command line names: outputs over its own inputs, and incomplete inputs.
 
+use deepct_core::io::incomplete;
 use deepct_core::{Error, Result};
 use std::ffi::{OsStr, OsString};
 use std::path::{Path, PathBuf};
@@ -53,6 +54,18 @@ pub(crate) fn check_outputs(command_line: impl IntoIterator<Item = OsString>) ->
 /// Whether two paths are those of one file.
 pub(crate) fn is_same_file(one: &Path, other: &Path) -> bool {
     place(one.as_os_str()).is_some_and(|found| Some(found) == place(other.as_os_str()))
+}
+
+/// Warns of inputs whose computation was interrupted.
+pub(crate) fn warn_of_incomplete(command_line: impl IntoIterator<Item = OsString>) {
+    for input in split(command_line).iter().filter(|argument| !argument.is_output()) {
+        let path = Path::new(&input.value);
+        // A pipe or a device must not be opened.
+        let lacking = path.is_file().then(|| incomplete(path)).flatten();
+        if let Some(lacking) = lacking {
+            note!("deepct: warning: {} is incomplete: {lacking}", path.display());
+        }
+    }
 }
 
 /// The values on a command line with their options, given as `--option value` or `--option=value`.

@@ -205,6 +205,7 @@ impl Args {
         let warnings = rendering.warnings();
         let mut observation = Observation::new(light.clone(), views, rendering.images)?;
         observation.standard_error = rendering.standard_error;
+        observation.incomplete = rendering.interrupted;
         let out = name(&self.out);
         write_observation(&out, &observation, &provenance)?;
         if let Some(path) = &self.exr {

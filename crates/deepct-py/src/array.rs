@@ -1,6 +1,7 @@
 //! Conversion of array arguments and results: NumPy arrays, and objects that NumPy can convert to
 //! an array, such as xarray's `DataArray`.
 
+use deepct_core::grid::Grid;
 use numpy::ndarray::{Array3, ArrayView3};
 use numpy::{IntoPyArray, PyArray3, PyArrayMethods, PyReadonlyArray3};
 use pyo3::exceptions::{PyTypeError, PyValueError};
@@ -25,6 +26,9 @@ const UNITS: [(&[&str], &[&str]); 3] = [
         &["um", "\u{b5}m", "\u{3bc}m", "micron", "microns", "micrometer", "micrometre"],
     ),
 ];
+
+/// Largest difference between equal coordinates, relative to their spacing.
+const ROUNDING: f64 = 0.05;
 
 /// A three-dimensional array of 32-bit floats owned by Python. An argument that already is a
 /// C-contiguous array of this type is not copied.
@@ -132,17 +136,76 @@ fn check_units(object: &Bound<'_, PyAny>, name: &str) -> PyResult<()> {
     )))
 }
 
+/// The coordinates of an xarray object along an axis; those with the unit of a length are in km.
+fn coordinates(object: &Bound<'_, PyAny>, axis: &str) -> Option<Vec<f64>> {
+    let axis = object.getattr("coords").ok()?.get_item(axis).ok()?;
+    let values = axis.getattr("values").ok()?.call_method0("tolist").ok()?;
+    let mut values: Vec<f64> = values.extract().ok()?;
+    let unit = axis.getattr("attrs").and_then(|attributes| attributes.get_item("units"));
+    let unit = unit.and_then(|unit| unit.extract::<String>()).unwrap_or_default();
+    if ["m", "meter", "meters", "metre", "metres"].contains(&unit.trim()) {
+        values.iter_mut().for_each(|value| *value *= 1e-3);
+    }
+    Some(values)
+}
+
+/// An argument that may be missing, and its name.
+pub(crate) type Named<'a, 'py> = (Option<&'a Bound<'py, PyAny>>, &'static str);
+
+/// Refuse xarray objects whose coordinates are not those of `grid`. Numbers from 0 are indices.
+pub(crate) fn check_on_grid(grid: &Grid, arguments: &[Named]) -> PyResult<()> {
+    let [x, y, z] = grid.axes();
+    for (axis, centres) in VOLUME.into_iter().zip([z, y, x]) {
+        for (object, name) in arguments {
+            let Some(found) = object.and_then(|object| coordinates(object, axis)) else { continue };
+            let indices = found.iter().enumerate().all(|(index, value)| *value == index as f64);
+            if !indices {
+                check_equal([name, "the grid"], [&found, &centres], axis)?;
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Refuse xarray objects whose coordinates differ from those of the first of them.
+pub(crate) fn check_same(arguments: &[Named], axes: [&str; 3]) -> PyResult<()> {
+    for axis in axes {
+        let mut known = arguments
+            .iter()
+            .filter_map(|(object, name)| Some((coordinates((*object)?, axis)?, name)));
+        let Some((first, first_name)) = known.next() else { continue };
+        for (other, name) in known {
+            check_equal([name, first_name], [&other, &first], axis)?;
+        }
+    }
+    Ok(())
+}
+
+/// Refuse coordinates that differ by more than rounding. Other numbers of them are the error of
+/// another check.
+fn check_equal(names: [&str; 2], [one, other]: [&[f64]; 2], axis: &str) -> PyResult<()> {
+    let ends = |values: &[f64]| [values[0], values[values.len() - 1]];
+    if one.len() != other.len() || one.is_empty() {
+        return Ok(());
+    }
+    let ([first, last], [other_first, other_last]) = (ends(one), ends(other));
+    let step = (last - first).abs() / (one.len() - 1).max(1) as f64;
+    let tolerance = ROUNDING * step.max(1e-3 * first.abs());
+    if one.iter().zip(other).all(|(one, other)| (one - other).abs() <= tolerance) {
+        return Ok(());
+    }
+    let [name, other_name] = names;
+    Err(PyValueError::new_err(format!(
+        "{name} has coordinates along {axis} from {first} to {last}, but {other_name} from \
+         {other_first} to {other_last}: select or interpolate the same part, or give arrays without \
+         coordinates"
+    )))
+}
+
 /// Refuse an xarray object whose coordinates along one of the axes of a volume descend.
 fn check_ascending(object: &Bound<'_, PyAny>, name: &str, axes: [&str; 3]) -> PyResult<()> {
-    let Ok(coordinates) = object.getattr("coords") else { return Ok(()) };
     for axis in axes {
-        let Ok(values) = coordinates.get_item(axis).and_then(|axis| axis.getattr("values")) else {
-            continue;
-        };
-        let Ok(values) = values.call_method0("tolist").and_then(|list| list.extract::<Vec<f64>>())
-        else {
-            continue;
-        };
+        let Some(values) = coordinates(object, axis) else { continue };
         if values.windows(2).any(|pair| pair[1] <= pair[0]) {
             return Err(PyValueError::new_err(format!(
                 "{name} has coordinates along {axis} that do not ascend: sort it, for example by \

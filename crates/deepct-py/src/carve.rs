@@ -1,7 +1,7 @@
 //! `carve`: the voxels that may contain cloud, given the images.
 
-use crate::array::{Floats, IMAGES, booleans, give};
-use crate::compute::quickly;
+use crate::array::{Floats, IMAGES, booleans, check_same, give};
+use crate::compute::compute;
 use crate::grid::Grid;
 use crate::view::ViewSequence;
 use deepct_core::Error;
@@ -80,12 +80,18 @@ pub(crate) fn carve(
 ) -> PyResult<Carved> {
     let defaults = CarveSettings::default();
     let settings = CarveSettings { threshold, agreement: agreement.unwrap_or(defaults.agreement) };
+    let images = [
+        (Some(radiance), "radiance"),
+        (standard_error.as_ref(), "standard_error"),
+        (saturated.as_ref(), "saturated"),
+    ];
+    check_same(&images, IMAGES)?;
     let radiance = Floats::new(radiance, "radiance", IMAGES)?.to_owned();
     let errors = standard_error
         .map(|errors| Ok::<_, PyErr>(Floats::new(&errors, "standard_error", IMAGES)?.to_owned()))
         .transpose()?;
     let saturated = saturated.map(|marks| booleans(&marks, "saturated", IMAGES)).transpose()?;
-    let carved = quickly(py, || {
+    let carved = compute(py, move |_| {
         let images = ViewStack::new(radiance)?;
         // Carving does not depend on the scene illumination; the images may have any unit.
         let mut light = Light::default();

@@ -1,7 +1,7 @@
 //! `generate_cloud`: a synthetic cloud from a seed.
 
 use crate::array::give;
-use crate::compute::quickly;
+use crate::compute::compute;
 use crate::error::raise;
 use crate::grid::Grid;
 use deepct_core::Error;
@@ -79,11 +79,11 @@ pub(crate) fn generate_cloud(
     let cloud = match kind {
         "cumulus" => {
             let settings: CumulusSettings = read(&settings)?;
-            quickly(py, || cumulus(&settings, seed))?
+            compute(py, move |_| cumulus(&settings, seed))?
         }
         "field" => {
             let settings: FieldSettings = read(&settings)?;
-            quickly(py, || field(&settings, seed))?
+            compute(py, move |_| field(&settings, seed))?
         }
         _ => {
             return Err(raise(Error::out_of_range(

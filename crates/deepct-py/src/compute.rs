@@ -5,7 +5,8 @@ use deepct_core::stop::Stop;
 use deepct_core::{Error, Result};
 use pyo3::prelude::*;
 use rayon::ThreadPool;
-use std::sync::mpsc::{RecvTimeoutError, channel};
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
+use std::sync::mpsc::channel;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
@@ -33,50 +34,30 @@ fn pool() -> PyResult<Arc<ThreadPool>> {
     Ok(threads)
 }
 
-/// Runs a short computation.
-pub(crate) fn quickly<T: Send>(
+/// Runs a computation. If a signal handler of Python raises an exception, such as
+/// `KeyboardInterrupt`, the computation is requested to stop and the exception is returned at once. A
+/// computation that does not look for the request ends in the background, and its result is dropped.
+pub(crate) fn compute<T: Send + 'static>(
     py: Python<'_>,
-    work: impl FnOnce() -> Result<T> + Send,
+    work: impl FnOnce(&Stop) -> Result<T> + Send + 'static,
 ) -> PyResult<T> {
-    let pool = pool()?;
-    py.detach(|| pool.install(work)).map_err(raise)
-}
-
-/// Runs a computation that may take long. If a signal handler of Python raises an exception, such
-/// as `KeyboardInterrupt`, the computation is stopped and the exception is returned.
-pub(crate) fn at_length<T: Send>(
-    py: Python<'_>,
-    work: impl FnOnce(&Stop) -> Result<T> + Send,
-) -> PyResult<T> {
-    let (pool, stop) = (pool()?, Stop::default());
+    let stop = Stop::default();
     let (sender, receiver) = channel();
-    std::thread::scope(|scope| {
-        let stopped = &stop;
-        scope.spawn(move || {
-            // If nobody receives the result, an exception is on its way.
-            let _ = sender.send(pool.install(|| work(stopped)));
-        });
-        let receiver = Mutex::new(receiver);
-        let next = || receiver.lock().unwrap_or_else(PoisonError::into_inner).recv_timeout(CHECKED);
-        loop {
-            match py.detach(next) {
-                Ok(result) => return result.map_err(raise),
-                Err(RecvTimeoutError::Timeout) => {
-                    if let Err(exception) = py.check_signals() {
-                        stop.request();
-                        // The thread must end before the scope, and must not wait for Python.
-                        py.detach(|| while matches!(next(), Err(RecvTimeoutError::Timeout)) {});
-                        return Err(exception);
-                    }
-                }
-                // The computation has panicked; the scope passes this on.
-                Err(RecvTimeoutError::Disconnected) => {
-                    let problem = "the computation has ended without a result";
-                    return Err(pyo3::exceptions::PyRuntimeError::new_err(problem));
-                }
-            }
+    let stopped = stop.clone();
+    pool()?.spawn(move || {
+        let result = catch_unwind(AssertUnwindSafe(|| work(&stopped)));
+        // If nobody receives the result, an exception is on its way.
+        let _ = sender.send(result);
+    });
+    let receiver = Mutex::new(receiver);
+    let next = || receiver.lock().unwrap_or_else(PoisonError::into_inner).recv_timeout(CHECKED);
+    loop {
+        match py.detach(next) {
+            Ok(Ok(result)) => return result.map_err(raise),
+            Ok(Err(panic)) => resume_unwind(panic),
+            Err(_) => py.check_signals().inspect_err(|_| stop.request())?,
         }
-    })
+    }
 }
 
 /// The progress callback of a computation that a request stops.

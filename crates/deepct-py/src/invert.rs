@@ -1,9 +1,9 @@
 //! `invert` and `hybrid`: retrieval of the extinction with a forward model.
 
-use crate::array::{Floats, IMAGES, VOLUME, booleans, give};
+use crate::array::{Floats, IMAGES, VOLUME, booleans, check_on_grid, check_same, give};
 use crate::carve::warn;
 use crate::cloud::read;
-use crate::compute::{Stopped, at_length};
+use crate::compute::{Stopped, compute};
 use crate::error::raise;
 use crate::grid::Grid;
 use crate::light::{Light, or_default, warn_of_neglected};
@@ -180,6 +180,7 @@ pub(crate) fn invert(
     truth: Option<&Bound<'_, PyAny>>,
     settings: Option<&Bound<'_, PyDict>>,
 ) -> PyResult<Reconstruction> {
+    check_on_grid(&grid.0, &[(start, "start"), (mask, "mask"), (truth, "truth")])?;
     let request = Request {
         observation: observation(radiance, views, light, standard_error, saturated)?,
         mask: mask.map(|mask| booleans(mask, "mask", VOLUME)).transpose()?,
@@ -198,7 +199,7 @@ pub(crate) fn invert(
         },
     };
     warn_of_neglected(py, &request.observation.light)?;
-    let solved = at_length(py, |stop| {
+    let solved = compute(py, move |stop| {
         request.solve(grid.0, stop, |problem, models, settings| {
             inversion::invert(problem, models, &start, settings, &Stopped(stop))
         })
@@ -260,6 +261,9 @@ pub(crate) fn hybrid(
     truth: Option<&Bound<'_, PyAny>>,
     settings: Option<&Bound<'_, PyDict>>,
 ) -> PyResult<Reconstruction> {
+    let volumes = [(mask, "mask"), (truth, "truth")];
+    check_same(&volumes, VOLUME)?;
+    grid.as_ref().map_or(Ok(()), |grid| check_on_grid(&grid.0, &volumes))?;
     let mut request = Request {
         observation: observation(
             radiance,
@@ -277,16 +281,16 @@ pub(crate) fn hybrid(
     }
     warn_of_neglected(py, &request.observation.light)?;
     let network = network.inner();
-    let solved = at_length(py, |stop| {
+    let solved = compute(py, move |stop| {
         let grid = match grid {
             Some(grid) => grid.0,
-            None => network_grid(network, &request.observation)?,
+            None => network_grid(&network, &request.observation)?,
         };
         request.solve(grid, stop, |problem, models, settings| {
             if quick {
                 *models = models.clone().quick();
             }
-            inversion::hybrid(problem, network, models, settings, &Stopped(stop))
+            inversion::hybrid(problem, &network, models, settings, &Stopped(stop))
         })
     })?;
     give_reconstruction(py, solved)
@@ -299,6 +303,12 @@ fn observation(
     standard_error: Option<&Bound<'_, PyAny>>,
     saturated: Option<&Bound<'_, PyAny>>,
 ) -> PyResult<Observation> {
+    let images = [
+        (Some(radiance), "radiance"),
+        (standard_error, "standard_error"),
+        (saturated, "saturated"),
+    ];
+    check_same(&images, IMAGES)?;
     let images = ViewStack::new(Floats::new(radiance, "radiance", IMAGES)?.to_owned());
     let light = or_default(light);
     let mut observation =

@@ -1,7 +1,7 @@
 //! `Network`: estimation of the extinction by the neural network.
 
-use crate::array::{Floats, IMAGES, VOLUME, booleans, give};
-use crate::compute::quickly;
+use crate::array::{Floats, IMAGES, VOLUME, booleans, check_on_grid, give};
+use crate::compute::compute;
 use crate::error::raise;
 use crate::grid::Grid;
 use crate::light::{Light, or_default};
@@ -18,13 +18,14 @@ use pyo3::types::PyDict;
 use std::collections::BTreeMap;
 use std::ffi::CString;
 use std::path::PathBuf;
+use std::sync::Arc;
 
 /// Values of a volume, `[z, y, x]`.
 type Field = Py<PyArray3<f32>>;
 
 /// A neural network with its weights. Construct it with `Network.load`.
 #[pyclass(frozen, module = "deepct_py")]
-pub(crate) struct Network(Estimator);
+pub(crate) struct Network(Arc<Estimator>);
 
 #[pymethods]
 impl Network {
@@ -48,9 +49,9 @@ impl Network {
     #[staticmethod]
     #[pyo3(signature = (name_or_path = PathBuf::from(io::GENERAL_WEIGHTS), *, force = false))]
     fn load(py: Python<'_>, name_or_path: PathBuf, force: bool) -> PyResult<Self> {
-        let weights = quickly(py, || io::load_trained_weights(&name_or_path))?;
+        let weights = compute(py, move |_| io::load_trained_weights(&name_or_path))?;
         let estimator = Estimator::new(weights);
-        Ok(Self(if force { estimator.outside_training() } else { estimator }))
+        Ok(Self(Arc::new(if force { estimator.outside_training() } else { estimator })))
     }
 
     /// The names of the built-in networks, which `load` accepts in place of a file.
@@ -141,12 +142,13 @@ impl Network {
     ) -> PyResult<BTreeMap<String, f64>> {
         let radiance = Floats::new(radiance, "radiance", IMAGES)?.to_owned();
         let light = self.light(light)?;
-        quickly(py, || {
+        let network = self.inner();
+        compute(py, move |_| {
             let observation = Observation::new(light, views.0, ViewStack::new(radiance)?)?;
             let geometry = observation.imaging_geometry()?;
             let grid = grid.as_ref().map(|grid| &grid.0);
-            let estimate = self.0.estimate(&observation.images, &geometry, grid)?;
-            self.0.image_statistics(&observation.images, &geometry, &estimate)
+            let estimate = network.estimate(&observation.images, &geometry, grid)?;
+            network.image_statistics(&observation.images, &geometry, &estimate)
         })
     }
 
@@ -170,14 +172,16 @@ impl Network {
         grid: Option<Grid>,
     ) -> PyResult<(Field, Option<Field>)> {
         let radiance = Floats::new(radiance, "radiance", IMAGES)?.to_owned();
+        grid.as_ref().map_or(Ok(()), |grid| check_on_grid(&grid.0, &[(mask, "mask")]))?;
         let mask = mask.map(|mask| booleans(mask, "mask", VOLUME)).transpose()?;
         let light = self.light(light)?;
-        let (estimate, unusual) = quickly(py, || {
+        let network = self.inner();
+        let (estimate, unusual) = compute(py, move |_| {
             let observation = Observation::new(light, views.0, ViewStack::new(radiance)?)?;
             let geometry = observation.imaging_geometry()?;
             let grid = grid.as_ref().map(|grid| &grid.0);
-            let mut estimate = self.0.estimate(&observation.images, &geometry, grid)?;
-            let unusual = self.0.unusual(&observation.images, &geometry, &estimate)?;
+            let mut estimate = network.estimate(&observation.images, &geometry, grid)?;
+            let unusual = network.unusual(&observation.images, &geometry, &estimate)?;
             if let Some(mask) = mask {
                 let mask = Mask::new(estimate.extinction.grid, mask)?;
                 mask.apply(&mut estimate.extinction)?;
@@ -216,8 +220,8 @@ impl Network {
     }
 
     /// The network of the library.
-    pub(crate) fn inner(&self) -> &Estimator {
-        &self.0
+    pub(crate) fn inner(&self) -> Arc<Estimator> {
+        self.0.clone()
     }
 
     fn grid_of(&self, views: &[View]) -> Result<deepct_core::grid::Grid> {

@@ -1,7 +1,7 @@
 //! `render`: simulation of the images of an extinction field.
 
-use crate::array::{Floats, VOLUME, give};
-use crate::compute::{Stopped, at_length};
+use crate::array::{Floats, VOLUME, check_on_grid, give};
+use crate::compute::{Stopped, compute};
 use crate::error::raise;
 use crate::grid::Grid;
 use crate::light::{Light, or_default, warn_of_neglected};
@@ -125,6 +125,8 @@ pub(crate) fn render(
     accuracy: Option<f64>,
     estimate_error: bool,
 ) -> PyResult<Rendering> {
+    let volumes = [(Some(extinction), "extinction"), (effective_radius, "effective_radius")];
+    check_on_grid(&grid.0, &volumes)?;
     let extinction = Floats::new(extinction, "extinction", VOLUME)?.to_owned();
     let radii = effective_radius
         .map(|radii| Ok::<_, PyErr>(Floats::new(radii, "effective_radius", VOLUME)?.to_owned()))
@@ -170,7 +172,7 @@ pub(crate) fn render(
     if trilinear {
         check_edges(&extinction, light.boundary)?;
     }
-    let (rendering, light) = at_length(py, |stop| {
+    let (rendering, light) = compute(py, move |stop| {
         let extinction = Volume::new(grid.0, extinction)?;
         let cloud = match radii {
             Some(radii) => Cloud::from_extinction_and_radii(extinction, radii)?,

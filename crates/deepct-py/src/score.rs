@@ -1,7 +1,7 @@
 //! `score`: errors of an estimate of the extinction.
 
-use crate::array::{Floats, VOLUME};
-use crate::compute::quickly;
+use crate::array::{Floats, VOLUME, check_same};
+use crate::compute::compute;
 use deepct_core::grid::{Grid, Volume};
 use deepct_core::math::DVec3;
 use deepct_core::metrics;
@@ -91,16 +91,17 @@ impl Scores {
 /// Raises
 /// ------
 /// ValueError
-///     The shapes differ, a value is not finite, or the true field is zero everywhere.
+///     The shapes or the coordinates differ, a value is not finite, or the true field is zero everywhere.
 #[pyfunction]
 pub(crate) fn score(
     py: Python<'_>,
     truth: &Bound<'_, PyAny>,
     estimate: &Bound<'_, PyAny>,
 ) -> PyResult<Scores> {
+    check_same(&[(Some(truth), "truth"), (Some(estimate), "estimate")], VOLUME)?;
     let truth = Floats::new(truth, "truth", VOLUME)?.to_owned();
     let estimate = Floats::new(estimate, "estimate", VOLUME)?.to_owned();
-    quickly(py, || {
+    compute(py, move |_| {
         // The scores do not depend on the position and size of the voxels.
         let (nz, ny, nx) = truth.dim();
         let grid = Grid::new(DVec3::ZERO, DVec3::ONE, [nz, ny, nx])?;

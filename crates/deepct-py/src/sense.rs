@@ -1,7 +1,7 @@
 //! `sense`: simulation of the sensor.
 
-use crate::array::{Floats, IMAGES, give};
-use crate::compute::quickly;
+use crate::array::{Floats, IMAGES, check_same, give};
+use crate::compute::compute;
 use crate::error::raise;
 use deepct_core::Error;
 use deepct_core::image::ViewStack;
@@ -173,11 +173,12 @@ pub(crate) fn sense(
     };
     let scale =
         electrons_per_radiance.map_or(Scale::BrightestAtFullWell, Scale::ElectronsPerRadiance);
+    check_same(&[(Some(radiance), "radiance"), (standard_error, "standard_error")], IMAGES)?;
     let radiance = Floats::new(radiance, "radiance", IMAGES)?.to_owned();
     let errors = standard_error
         .map(|errors| Ok::<_, PyErr>(Floats::new(errors, "standard_error", IMAGES)?.to_owned()))
         .transpose()?;
-    let sensed = quickly(py, || {
+    let sensed = compute(py, move |_| {
         let errors = errors.map(ViewStack::of_errors).transpose()?;
         sensor::sense(&ViewStack::new(radiance)?, errors.as_ref(), &sensor, scale, seed)
     })?;

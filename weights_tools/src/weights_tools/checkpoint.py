@@ -84,6 +84,8 @@ def load_checkpoint(path: str | Path) -> dict[str, Any]:
     regular_file(path, _REMEDY)
     if path.suffix.lower() == ".safetensors":
         return _load_safetensors(path)
+    if _is_damaged(path):
+        raise InputError(path, "is damaged: a checksum in it is wrong", "copy or save it again")
     try:
         with warnings.catch_warnings():
             # The warnings are about formats that are refused below in one line.
@@ -98,6 +100,20 @@ def load_checkpoint(path: str | Path) -> dict[str, Any]:
     if not isinstance(checkpoint, dict):
         raise InputError(path, f"holds a {type(checkpoint).__name__}, not a dict", _REMEDY)
     return checkpoint
+
+
+def _is_damaged(path: Path) -> bool:
+    """Whether a ZIP file, as ``torch.save`` writes, has other contents than its checksums tell.
+
+    ``torch.load`` does not compare them and would return other weights.
+    """
+    try:
+        if not zipfile.is_zipfile(path):
+            return False
+        with zipfile.ZipFile(path) as archive:
+            return archive.testzip() is not None
+    except (zipfile.BadZipFile, OSError, ValueError, RuntimeError, EOFError):
+        return True
 
 
 def _load_safetensors(path: Path) -> dict[str, Tensor]:

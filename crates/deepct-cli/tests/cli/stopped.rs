@@ -49,24 +49,100 @@ fn a_killed_inversion_resumes_with_the_same_bits() {
     let program = Program::new();
     program.succeed("cloud generate --seed 5 --set width_km=0.4 --out cloud.nc");
     program.succeed("render cloud.nc --views cloudct-10 --samples 64 --out images.nc");
-    let command = |out: &str| {
-        format!(
-            "-q invert images.nc --grid cloud.nc --iterations 12 --set inversion.misfit=0 --out {out}"
-        )
-    };
-    program.succeed(&command("whole.nc"));
-    for milliseconds in [700, 1500] {
-        let mut child = start(&program, &(command("part.nc") + " --resume"));
-        std::thread::sleep(Duration::from_millis(milliseconds));
-        // It may have ended already on a fast machine.
+    let extinction = |name: &str| deepct_core::io::read_volume(program.path(name)).unwrap().values;
+    for verb in ["invert", "hybrid"] {
+        let command = |out: &str| {
+            format!(
+                "-q {verb} images.nc --grid cloud.nc --iterations 12 --set inversion.misfit=0 \
+                 --out {out}"
+            )
+        };
+        program.succeed(&command("whole.nc"));
+        let resumed = command("part.nc") + " --resume";
+        kill(&program, &resumed, &[700, 1500]);
+        program.succeed(&resumed);
+        assert!(extinction("part.nc") == extinction("whole.nc"), "{verb}");
+        std::fs::remove_file(program.path("part.nc")).unwrap();
+    }
+}
+
+/// Starts a command several times and kills it after some milliseconds. It may have ended already on
+/// a fast machine.
+fn kill(program: &Program, arguments: &str, moments: &[u64]) {
+    for milliseconds in moments {
+        let mut child = start(program, arguments);
+        std::thread::sleep(Duration::from_millis(*milliseconds));
         let _ = child.kill();
         child.wait().unwrap();
     }
-    program.succeed(&(command("part.nc") + " --resume"));
-    let scores = program.succeed("score part.nc --truth whole.nc");
-    assert!(scores.contains("0.0000") && !scores.contains("NaN"), "{scores}");
-    let extinction = |name: &str| deepct_core::io::read_volume(program.path(name)).unwrap().values;
-    assert_eq!(extinction("part.nc"), extinction("whole.nc"));
+}
+
+/// An experiment that is killed and continued has the results of one that was not.
+#[test]
+fn a_killed_experiment_continues_with_the_same_results() {
+    let program = Program::new();
+    let shape = "--set shape=[12,16,16] --set width_km=0.4 --set depth_km=0.2";
+    program.succeed(&format!("cloud generate --seed 5 {shape} --out cloud.nc"));
+    let settings = "clouds = [\"cloud.nc\"]\ngenerated = 0\nweights = \"general\"\n\
+                    formation = \"cloudct-10\"\nsamples_per_pixel = 32\nquick_iterations = 2\n\
+                    [inversion]\niterations = 4\n";
+    std::fs::write(program.path("settings.toml"), settings).unwrap();
+    let command = |out: &str| format!("-q experiment settings.toml --out {out}");
+    program.succeed(&command("whole"));
+    kill(&program, &command("part"), &[200, 1000, 2000]);
+    program.succeed(&command("part"));
+    for method in ["network", "physics", "hybrid", "quick-hybrid"] {
+        let volume = |run: &str| {
+            let path = program.path(&format!("{run}/volumes/cloud-{method}.nc"));
+            deepct_core::io::read_volume(path).unwrap()
+        };
+        assert!(volume("part") == volume("whole"), "{method}");
+        let result = |run: &str| {
+            let text = read(program.path(&format!("{run}/results/cloud-{method}.json"))).unwrap();
+            let lines = String::from_utf8(text).unwrap();
+            let timeless = lines.lines().filter(|line| !line.contains("seconds"));
+            timeless.map(str::to_owned).collect::<Vec<_>>()
+        };
+        assert_eq!(result("part"), result("whole"), "{method}");
+    }
+}
+
+/// Images of an interrupted rendering, and the extinction of an interrupted inversion, are marked as
+/// incomplete; every command that reads them warns.
+#[test]
+fn what_is_incomplete_is_marked() {
+    let program = Program::new();
+    let shape = "--set shape=[16,16,16] --set width_km=0.4 --set depth_km=0.3";
+    program.succeed(&format!("cloud generate --seed 5 {shape} --out cloud.nc"));
+    program.succeed("render cloud.nc --views cloudct-10 --samples 64 --out images.nc");
+    for (arguments, out, readers) in [
+        (
+            "render cloud.nc --views cloudct-10 --noise 0.00001 --out part.nc",
+            "part.nc",
+            ["sense part.nc --out noisy.nc", "plot noisy.nc --out noisy.png"],
+        ),
+        (
+            "invert images.nc --grid cloud.nc --iterations 100000 --set inversion.change=0 --out v.nc",
+            "v.nc",
+            ["score v.nc --truth cloud.nc", "plot v.nc --out v.png"],
+        ),
+    ] {
+        let mut child = start(&program, arguments);
+        std::thread::sleep(Duration::from_millis(2500));
+        send(&child, "INT");
+        assert_eq!(child.wait().unwrap().code(), Some(130), "{arguments}");
+        let lacking = deepct_core::io::incomplete(program.path(out)).expect(arguments);
+        assert!(lacking.contains("interrupted"), "{lacking}");
+        for reader in readers {
+            let run = program.run(reader);
+            assert_eq!(run.code, 0, "{reader}: {}", run.stderr);
+            let file = reader.split(' ').nth(1).unwrap();
+            let warning = format!("deepct: warning: {file} is incomplete: the ");
+            assert!(run.stderr.contains(&warning), "{reader}: {}", run.stderr);
+        }
+    }
+    assert_eq!(deepct_core::io::incomplete(program.path("images.nc")), None);
+    assert_eq!(deepct_core::io::incomplete(program.path("cloud.nc")), None);
 }
 
 /// A checkpoint does not fit images whose values have changed.
@@ -209,12 +285,7 @@ fn a_data_set_has_the_same_bytes_whoever_makes_it() {
     for mut run in runs {
         assert_eq!(run.wait().unwrap().code(), Some(0));
     }
-    for milliseconds in [50, 400, 1200] {
-        let mut run = start(&program, &generate("killed"));
-        std::thread::sleep(Duration::from_millis(milliseconds));
-        let _ = run.kill();
-        run.wait().unwrap();
-    }
+    kill(&program, &generate("killed"), &[50, 400, 1200]);
     program.succeed(&generate("killed"));
     let expected = samples(&program, "alone");
     assert_eq!(expected.len(), 3);

@@ -12,7 +12,7 @@ use crate::grid::Grid;
 use crate::math::DVec3;
 use crate::rng::{Purpose, RngExt, Stream, stream};
 use ndarray::parallel::prelude::*;
-use ndarray::{Array3, Axis};
+use ndarray::{Array3, ArrayView2, Axis};
 use serde::{Deserialize, Serialize};
 use std::f64::consts::TAU;
 
@@ -197,17 +197,16 @@ pub fn field(settings: &FieldSettings, seed: u64) -> Result<Cloud> {
     let columns = (grid.shape[1] * grid.shape[2]) as f64;
     // The number of clouds is bounded because with some settings, such as a domain that ends just
     // above cloud base, no cloud holds water.
+    let mut covered = 0;
     for number in 0..(50.0 * columns) as u64 {
-        let covered = water.fold_axis(Axis(0), 0.0_f32, |most, water: &f32| most.max(*water));
-        let cover = covered.iter().filter(|most| **most > 0.0).count() as f64 / columns;
-        if cover >= settings.cover {
+        if covered as f64 / columns >= settings.cover {
             break;
         }
         let mut rng = stream(seed, Purpose::Cloud, &[number]);
         let width = power_law(&mut rng, settings.widths_km, settings.size_exponent);
         let depth = (width * rng.random_range(0.8..1.5)).min(tallest);
         let place = grid.lower() + grid.extent() * DVec3::new(rng.random(), rng.random(), 0.0);
-        parameters.add(&mut water, &turrets(&mut rng, [place.x, place.y], width, depth));
+        covered += parameters.add(&mut water, &turrets(&mut rng, [place.x, place.y], width, depth));
     }
     let droplets = Microphysics::from_droplet_number(water, settings.droplets_per_cm3)?;
     Cloud::from_microphysics(grid, droplets)
@@ -226,25 +225,35 @@ pub fn adiabatic_liquid_water(height: f64) -> f64 {
 
 impl CloudParameters<'_> {
     /// Adds the liquid water content of a cloud. Where another cloud already has more water, its
-    /// value is retained.
-    fn add(&self, water: &mut Array3<f32>, turrets: &[Turret]) {
+    /// value is retained. Returns the number of columns that had no water before.
+    fn add(&self, water: &mut Array3<f32>, turrets: &[Turret]) -> usize {
         let grid = &self.grid;
-        water.axis_iter_mut(Axis(0)).into_par_iter().enumerate().for_each(|(k, mut level)| {
-            let height = grid.voxel_center([k, 0, 0]).z - self.base;
-            if height <= 0.0 {
-                return;
+        let is_near =
+            |axis: usize, at: DVec3| turrets.iter().any(|turret| turret.is_near(self, axis, at));
+        let columns: Vec<usize> =
+            (0..grid.shape[2]).filter(|i| is_near(0, grid.voxel_center([0, 0, *i]))).collect();
+        let rows = water.axis_iter_mut(Axis(1)).into_par_iter().enumerate();
+        rows.map(|(j, mut row)| {
+            if !is_near(1, grid.voxel_center([0, j, 0])) {
+                return 0;
             }
-            let core = self.adiabatic_fraction
-                * (-height / ENTRAINMENT).exp()
-                * adiabatic_liquid_water(height);
-            for (j, mut row) in level.axis_iter_mut(Axis(0)).enumerate() {
+            let before = covered(&row.view(), &columns);
+            for (k, mut line) in row.axis_iter_mut(Axis(0)).enumerate() {
                 let start = grid.voxel_center([k, j, 0]);
+                let height = start.z - self.base;
+                if height <= 0.0 {
+                    continue;
+                }
                 let near: Vec<_> =
                     turrets.iter().filter(|turret| turret.reaches(self, start.y, height)).collect();
                 if near.is_empty() {
                     continue;
                 }
-                for (i, water) in row.iter_mut().enumerate() {
+                let core = self.adiabatic_fraction
+                    * (-height / ENTRAINMENT).exp()
+                    * adiabatic_liquid_water(height);
+                for &i in &columns {
+                    let water = &mut line[i];
                     let at = start + DVec3::X * (grid.spacing.x * i as f64);
                     let depths = near.iter().map(|turret| turret.depth(self, at, height));
                     let depth = depths.fold(f64::NEG_INFINITY, f64::max)
@@ -255,7 +264,9 @@ impl CloudParameters<'_> {
                     }
                 }
             }
-        });
+            covered(&row.view(), &columns) - before
+        })
+        .sum()
     }
 
     /// Distance (km) of a point from the voxels that must remain cloud-free: the topmost level
@@ -269,6 +280,12 @@ impl CloudParameters<'_> {
         let sides = (at - lower - voxel).min(upper - voxel - at);
         top.min(sides.x).min(sides.y)
     }
+}
+
+/// The number of `columns` of a row `[z, x]` that contain water.
+fn covered(row: &ArrayView2<f32>, columns: &[usize]) -> usize {
+    let is_covered = |i: &&usize| row.column(**i).iter().any(|water| *water > 0.0);
+    columns.iter().filter(is_covered).count()
 }
 
 /// The wavelength (in voxels) at which the power is damped to 1/e.
@@ -297,8 +314,21 @@ impl Turret {
 
     /// Whether the turret, at its largest displacement, can intersect a row.
     fn reaches(&self, parameters: &CloudParameters, y: f64, height: f64) -> bool {
-        let most = 1.0 + parameters.displacement * parameters.strongest;
-        self.offset(parameters, 1, y, height).abs() < most * self.radius
+        self.offset(parameters, 1, y, height).abs() < self.reach(parameters)
+    }
+
+    /// Whether the turret, at its largest displacement, can have the same x (`axis` 0) or y (1) as a
+    /// point, at any height.
+    fn is_near(&self, parameters: &CloudParameters, axis: usize, at: DVec3) -> bool {
+        let grid = &parameters.grid;
+        let heights = [grid.lower().z, grid.upper().z].map(|z| (z - parameters.base).abs());
+        let drift = self.lean[axis].abs() * heights[0].max(heights[1]);
+        self.offset(parameters, axis, at[axis], 0.0).abs() < self.reach(parameters) + drift
+    }
+
+    /// The largest distance (km) of its outline from its axis.
+    fn reach(&self, parameters: &CloudParameters) -> f64 {
+        (1.0 + parameters.displacement * parameters.strongest) * self.radius
     }
 
     /// Depth of a point inside the turret in units of its radius; negative outside. The turret

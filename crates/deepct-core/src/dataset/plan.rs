@@ -1,6 +1,6 @@
 //! The choice of the samples of a data set and their distribution among processes.
 
-use super::{DatasetSettings, Manifest, Split};
+use super::{DatasetSettings, Manifest, Source, Split};
 use crate::cloud::{self, Cloud, IsolateSettings, Piece};
 use crate::error::{Error, Result};
 use crate::files;
@@ -65,6 +65,10 @@ pub fn plan(
     let path = Plan::path(folder);
     if !path.exists() {
         let mut samples = Vec::new();
+        // An index beyond the end of a file would be found only after all others were read.
+        for Source { file, first, last, every, .. } in &settings.sources {
+            field(settings, &simulations.join(file), last - (last - first) % every)?;
+        }
         for (source, snapshot) in settings.snapshots() {
             let pieces = pieces(settings, simulations, source, snapshot)?;
             let planned = |piece: Piece| Planned {

@@ -184,10 +184,20 @@ impl DatasetSettings {
         if !(self.water_share > 0.0 && self.water_share.is_finite()) {
             return Err(Error::out_of_range("water_share", self.water_share, "positive"));
         }
-        if let Some(source) = self.sources.iter().find(|source| source.every == 0) {
-            let name = source.file.display();
-            return Err(Error::out_of_range("every", format!("0 for {name}"), "at least 1"));
+        let least = self.minimum_water_path;
+        if !(least >= 0.0 && least.is_finite()) {
+            return Err(Error::out_of_range("minimum_water_path", least, "0 or more (g/m2)"));
         }
+        for Source { file, first, last, every, .. } in &self.sources {
+            let of = |value: usize| format!("{value} for {}", file.display());
+            if *every == 0 {
+                return Err(Error::out_of_range("every", of(0), "at least 1"));
+            }
+            if last < first {
+                return Err(Error::out_of_range("last", of(*last), format!("at least {first}")));
+            }
+        }
+        self.solver.resolve().check()?;
         self.light.check()?;
         for source in &self.sources {
             source.light.as_ref().map_or(Ok(()), Light::check)?;

@@ -9,7 +9,7 @@ use crate::image::ViewStack;
 use crate::io::{self, Provenance};
 use crate::rng::seed_of_part;
 use crate::scene::{Formation, Observation, View, target};
-use crate::sensor::{Scale, Sensor, expose};
+use crate::sensor::{Scale, expose};
 use crate::transport::{self, MonteCarloSettings, Solver};
 use ndarray::{Array3, Axis};
 use std::path::{Path, PathBuf};
@@ -68,6 +68,15 @@ pub(super) fn cases(settings: &ExperimentSettings) -> Result<Vec<Case>> {
     }
     let numbered = cases.into_iter().zip(0..);
     Ok(numbered.map(|((name, origin), number)| Case { name, number, origin }).collect())
+}
+
+/// Reads all files of clouds: one that cannot be used would otherwise be found only after hours of
+/// work on those before it.
+pub(super) fn check_files(settings: &ExperimentSettings) -> Result<()> {
+    for file in &settings.clouds {
+        settings.light.extinction(&io::read_cloud(file)?).map_err(Error::in_file(file))?;
+    }
+    Ok(())
 }
 
 impl Case {
@@ -142,13 +151,7 @@ fn through_sensor(
     settings: &ExperimentSettings,
     number: u64,
 ) -> Result<Observation> {
-    if settings.sensor == "none" {
-        return Ok(clean.clone());
-    }
-    let sensor = match Sensor::preset(&settings.sensor) {
-        Some(sensor) => sensor,
-        None => Sensor::from_file(Path::new(&settings.sensor))?,
-    };
+    let Some(sensor) = settings.sensor()? else { return Ok(clean.clone()) };
     let seed = seed_of_part(settings.seed, number);
     Ok(expose(clean, &sensor, Scale::BrightestAtFullWell, seed)?.observation)
 }

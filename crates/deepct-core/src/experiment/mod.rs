@@ -16,9 +16,10 @@ use crate::carve::CarveSettings;
 use crate::dataset::Split;
 use crate::error::{Error, Result};
 use crate::inversion::{self, Ending, InversionSettings, QUICK_ITERATIONS};
-use crate::scene::Light;
+use crate::scene::{Formation, Light};
+use crate::sensor::Sensor;
 use serde::{Deserialize, Serialize};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Settings of an experiment.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -104,9 +105,26 @@ impl ExperimentSettings {
     pub fn check(&self) -> Result<()> {
         self.inversion.check()?;
         self.carve.check()?;
+        let mut light = self.light.clone();
+        light.optics.effective_radius = self.effective_radius.or(light.optics.effective_radius);
+        light.check()?;
         self.light.check()?;
         if self.methods.is_empty() {
             return Err(Error::out_of_range("methods", "empty", "at least one method"));
+        }
+        let repeated = |(number, method)| self.methods[..number].contains(method);
+        if self.methods.iter().enumerate().any(repeated) {
+            let found = format!("{:?}", self.methods);
+            return Err(Error::out_of_range("methods", found, "different from each other"));
+        }
+        if !(self.start.is_finite() && self.start > 0.0) {
+            return Err(Error::out_of_range("start", self.start, "positive and finite (1/km)"));
+        }
+        if let Some(name) =
+            self.formation.as_deref().filter(|name| Formation::preset(name).is_none())
+        {
+            let range = format!("one of {}", Formation::PRESETS.join(", "));
+            return Err(Error::out_of_range("formation", format!("\"{name}\""), range));
         }
         if self.dataset.is_some() != (self.samples > 0) {
             return Err(Error::out_of_range(
@@ -127,6 +145,20 @@ impl ExperimentSettings {
             return Err(Error::out_of_range("clouds", "empty", "at least one cloud"));
         }
         Ok(())
+    }
+
+    /// The sensor; `None` for images without noise.
+    ///
+    /// # Errors
+    /// Returns an error if there is neither a preset nor a file of this name, or if the file is not
+    /// one of a sensor.
+    fn sensor(&self) -> Result<Option<Sensor>> {
+        match self.sensor.as_str() {
+            "none" => Ok(None),
+            name => Sensor::preset(name)
+                .map_or_else(|| Sensor::from_file(Path::new(name)), Ok)
+                .map(Some),
+        }
     }
 }
 

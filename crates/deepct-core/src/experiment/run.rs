@@ -1,6 +1,6 @@
 //! Execution of an experiment: every cloud by every method, with each result in a separate file.
 
-use super::case::{Case, cases};
+use super::case::{Case, cases, check_files};
 use super::{Experiment, ExperimentSettings, Method, Outcome, Watch, report};
 use crate::carve::carve;
 use crate::error::{Error, Result};
@@ -27,8 +27,10 @@ use std::time::Instant;
 /// of range, or if clouds, weights or results cannot be read or written.
 pub fn run(settings: &ExperimentSettings, folder: &Path, watch: &dyn Watch) -> Result<Experiment> {
     settings.check()?;
+    settings.sensor()?;
     let network = Estimator::new(io::load_trained_weights(&settings.weights)?);
     let cases = cases(settings)?;
+    check_files(settings)?;
     let runner = MethodRunner { settings, folder, network };
     runner.claim(&cases)?;
     let mut experiment = Experiment { outcomes: Vec::new(), made: 0, interrupted: false };

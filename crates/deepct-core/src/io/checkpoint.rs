@@ -1,4 +1,5 @@
-//! Checkpoints of inversions: safetensors files of `F64` tensors with further data in the header.
+//! Checkpoints of inversions: a safetensors file of `F64` tensors with further data in the header,
+//! followed by the SHA-256 (32 bytes) of all bytes before it, so that no damage remains unnoticed.
 //!
 //! | tensor | shape | |
 //! |---|---|---|
@@ -13,11 +14,15 @@ use ndarray::Array3;
 use safetensors::tensor::TensorView;
 use safetensors::{Dtype, SafeTensors};
 use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
 use std::collections::HashMap;
 use std::path::Path;
 
 /// The key of the header's metadata that contains the data of deepct.
 const KEY: &str = "deepct";
+
+/// Length of the checksum at the end of the file.
+const DIGEST_BYTES: usize = 32;
 
 /// The data in the header.
 #[derive(Debug, Serialize, Deserialize)]
@@ -90,7 +95,8 @@ pub fn write_checkpoint(
     let bytes = safetensors::serialize(views, Some(metadata)).map_err(|problem| {
         Error::file(path, "checkpoint", problem.to_string(), "report this as a bug")
     })?;
-    crate::files::write(path, bytes)
+    let digest = Sha256::digest(&bytes);
+    crate::files::write(path, [&bytes[..], &digest[..]].concat())
 }
 
 /// Read a checkpoint of the inversion identified by `identity`.
@@ -102,8 +108,12 @@ pub fn read_checkpoint(path: impl AsRef<Path>, identity: &str) -> Result<Checkpo
     let remedy = "delete the file and restart the inversion without --resume";
     let damaged = |problem: String| Error::file(path, "checkpoint", problem, remedy);
     let bytes = crate::files::read(path, crate::memory::limit())?;
+    let (bytes, digest) = bytes.split_at(bytes.len().saturating_sub(DIGEST_BYTES));
+    if digest != &Sha256::digest(bytes)[..] {
+        return Err(damaged("is damaged: its checksum is that of other contents".into()));
+    }
     let (_, header) =
-        SafeTensors::read_metadata(&bytes).map_err(|problem| damaged(problem.to_string()))?;
+        SafeTensors::read_metadata(bytes).map_err(|problem| damaged(problem.to_string()))?;
     let header = header.metadata().as_ref().and_then(|metadata| metadata.get(KEY));
     let header = header.ok_or_else(|| damaged("has no deepct header".into()))?;
     let header: Header =
@@ -112,7 +122,7 @@ pub fn read_checkpoint(path: impl AsRef<Path>, identity: &str) -> Result<Checkpo
         return Err(damaged("belongs to an inversion of other images or settings".into()));
     }
     let tensors =
-        SafeTensors::deserialize(&bytes).map_err(|problem| damaged(problem.to_string()))?;
+        SafeTensors::deserialize(bytes).map_err(|problem| damaged(problem.to_string()))?;
     let read = |name: &str| -> Result<Vec<f64>> {
         let tensor = tensors.tensor(name).map_err(|problem| damaged(problem.to_string()))?;
         if tensor.dtype() != Dtype::F64 {
@@ -195,5 +205,24 @@ mod tests {
         let bytes = std::fs::read(&path).unwrap();
         std::fs::write(&path, &bytes[..bytes.len() - 5]).unwrap();
         assert!(read_checkpoint(&path, "these images").is_err());
+    }
+
+    #[test]
+    fn a_change_of_any_byte_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("V.nc.checkpoint");
+        write_checkpoint(&path, &checkpoint(), "these images").unwrap();
+        let bytes = std::fs::read(&path).unwrap();
+        for at in 0..bytes.len() {
+            let mut changed = bytes.clone();
+            changed[at] ^= 1;
+            std::fs::write(&path, changed).unwrap();
+            let problem = read_checkpoint(&path, "these images").unwrap_err().to_string();
+            assert!(problem.contains("checksum"), "byte {at}: {problem}");
+        }
+        for length in [0, 5, 31, 32, bytes.len() - 1] {
+            std::fs::write(&path, &bytes[..length]).unwrap();
+            assert!(read_checkpoint(&path, "these images").is_err(), "{length} bytes");
+        }
     }
 }

@@ -404,6 +404,7 @@ mod tests {
         }
     }
 
+    #[cfg(feature = "files")]
     #[test]
     fn what_is_written_is_read() {
         let weights = weights(&[3, 5, 4], 7);

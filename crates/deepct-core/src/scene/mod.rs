@@ -155,6 +155,8 @@ pub struct Observation {
     /// Pixels that are saturated, `[view, row, col]`: they are at least as bright as their radiance.
     /// `None` if no pixel is known to be.
     pub saturated: Option<Array3<bool>>,
+    /// Whether the rendering of the images was interrupted.
+    pub incomplete: bool,
 }
 
 /// Largest plausible radiance (1/sr) for a solar irradiance of 1. That of clouds is below 1, that of
@@ -210,8 +212,15 @@ impl Observation {
         }
         let light = light.into();
         check_radiances(&images, light.sun.irradiance)?;
-        let assumed = Vec::new();
-        Ok(Self { light, assumed, views, images, standard_error: None, saturated: None })
+        Ok(Self {
+            light,
+            assumed: Vec::new(),
+            views,
+            images,
+            standard_error: None,
+            saturated: None,
+            incomplete: false,
+        })
     }
 
     /// The observation with its saturated pixels marked.

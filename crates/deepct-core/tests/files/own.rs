@@ -33,7 +33,7 @@ pub(crate) fn observation() -> Observation {
             .unwrap(),
         View::looking_up(towards(2.2, 4.7), target, 0.05, [3, 4]).unwrap(),
     ];
-    let values = Array3::from_shape_fn((3, 3, 4), |(v, r, c)| 0.1 * (v * 12 + r * 4 + c) as f32);
+    let values = Array3::from_shape_fn((3, 3, 4), |(v, r, c)| 0.04 * (v * 12 + r * 4 + c) as f32);
     let error = ViewStack::new(values.mapv(|value| 0.01 * value)).unwrap();
     let sun = Sun { irradiance: 1.7, ..Sun::from_degrees(33.3, 217.1).unwrap() };
     let mut observation = Observation::new(sun, views, ViewStack::new(values).unwrap()).unwrap();

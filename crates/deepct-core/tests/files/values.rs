@@ -299,6 +299,58 @@ fn packed_and_unsigned_integers_are_decoded() {
     assert!(warnings.iter().any(|warning| warning.contains("missing in 1 of")), "{warnings:?}");
 }
 
+/// Attributes that would turn all values into zeros, or that are no numbers.
+#[test]
+fn values_packed_by_anything_but_numbers_are_refused() {
+    let (_folder, path) = place("cloud.nc");
+    for numbers in [&[0.0][..], &[f64::NAN], &[f64::INFINITY], &[1.0, 2.0]] {
+        edited(&path, |file| set_numbers(file, "lwc", "scale_factor", numbers));
+        check_refusal(read_cloud(&path), &path, "scale_factor");
+        check_refusal(import(&path, |_| {}), &path, "scale_factor");
+    }
+    edited(&path, |file| set_text(file, "lwc", "add_offset", "0.5"));
+    check_refusal(read_cloud(&path), &path, "add_offset");
+    edited(&path, |file| set_numbers(file, "lwc", "scale_factor", &[0.5_f64]));
+    let half = droplets(read_cloud(&path).unwrap()).liquid_water_content;
+    assert_close(&half, &(0.5 * water()));
+}
+
+/// A cloud on depths instead of altitudes would stand on its head.
+#[test]
+fn coordinates_that_increase_downwards_are_refused() {
+    let (_folder, path) = place("cloud.nc");
+    edited(&path, |file| set_text(file, "z", "positive", "down"));
+    check_refusal(read_cloud(&path), &path, "increases downwards");
+    check_refusal(read_volume(&path), &path, "increases downwards");
+    check_refusal(io::read_grid(&path), &path, "increases downwards");
+    check_refusal(import(&path, |_| {}), &path, "increases downwards");
+    for (simulation, axis) in [("cf.nc", "up"), ("mixing.nc", "z")] {
+        edited_fixture(simulation, &path, |file| set_text(file, axis, "positive", "Down"));
+        check_refusal(import(&path, |_| {}), &path, "increases downwards");
+    }
+}
+
+/// Images without units are taken to be relative to an irradiance in the same unit (1.7 in this file),
+/// as deepct writes them, unless they are brighter than clouds.
+#[test]
+fn bright_images_without_units_are_refused() {
+    let (_folder, path) = place("images.nc");
+    let mut images = crate::own::observation();
+    for (brightest, is_read) in [(1.6, true), (1.8, false), (45.0, false)] {
+        let factor = brightest / images.images.brightest();
+        images.images.values *= factor;
+        io::write_observation(&path, &images, &provenance()).unwrap();
+        assert_eq!(io::read_observation(&path).unwrap().images, images.images);
+        let file = File::open_rw(&path).unwrap();
+        file.dataset("radiance").unwrap().delete_attr("units").unwrap();
+        file.close().unwrap();
+        match is_read {
+            true => assert_eq!(io::read_observation(&path).unwrap().images, images.images),
+            false => check_refusal(io::read_observation(&path), &path, "has no units"),
+        }
+    }
+}
+
 #[test]
 fn an_effective_radius_that_is_missing_is_refused_where_there_is_water() {
     let (_folder, path) = place("cloud.nc");
@@ -453,6 +505,13 @@ fn effective_radii_are_found_by_name_and_follow_from_the_droplet_number() {
     let expected = deepct_core::cloud::effective_radius(water()[MIDDLE], 400.0);
     assert!((droplets(cloud).effective_radius[MIDDLE] - expected).abs() < 1e-4);
     assert!(warnings[0].contains("droplet number concentration nc"), "{warnings:?}");
+    // A number per voxel has the unit 1, and nothing tells its volume.
+    edited(&path, |file| {
+        file.relink("extinction", "nc").unwrap();
+        file.unlink("reff").unwrap();
+        scale(file, "nc", 4e16, "1");
+    });
+    check_refusal(import(&path, |_| {}), &path, "cm-3 is expected");
 }
 
 #[test]

@@ -17,16 +17,23 @@ const CROPPED: f64 = 500.0;
 /// The values of a coordinate in the unit of the file.
 ///
 /// # Errors
-/// Returns an error if there are none, or if they are not finite numbers.
+/// Returns an error if there are none, if they are not finite numbers, or if they are depths.
 pub(crate) fn coordinates(axis: &Variable) -> Result<Vec<f64>> {
     coordinates_at(axis, 0)
 }
 
 /// The values of a coordinate, which may depend on the time as its first axis, in the unit of the file.
+/// Every coordinate that is read is of a position: depths would turn the cloud upside down.
 ///
 /// # Errors
 /// As [`coordinates`].
 pub(crate) fn coordinates_at(axis: &Variable, time: usize) -> Result<Vec<f64>> {
+    if axis.text("positive").is_some_and(|way| way.eq_ignore_ascii_case("down")) {
+        return Err(axis.error(
+            "increases downwards (its attribute `positive` is \"down\")",
+            "give altitudes, which increase upwards: subtract the numbers from the altitude at 0",
+        ));
+    }
     let values: ArrayD<f64> = match axis.shape[..] {
         [times, length] => {
             let time = time.min(times.saturating_sub(1));

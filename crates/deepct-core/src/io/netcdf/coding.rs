@@ -3,6 +3,7 @@
 
 use super::Variable;
 use super::container::Kind;
+use crate::error::Result;
 
 /// The value that the netCDF library assigns to real numbers that were never written.
 const UNWRITTEN: f64 = 9.969_209_968_386_869e36;
@@ -24,8 +25,16 @@ pub(super) struct Coding {
 
 impl Coding {
     /// The coding that the attributes of a variable of the type `kind` declare.
-    pub(super) fn of(variable: &Variable, kind: &Kind) -> Self {
-        let (scale, offset) = (variable.number("scale_factor"), variable.number("add_offset"));
+    ///
+    /// # Errors
+    /// Returns an error if the values are packed by anything but finite numbers, or scaled by zero.
+    pub(super) fn of(variable: &Variable, kind: &Kind) -> Result<Self> {
+        let scale = variable.finite("scale_factor")?;
+        let offset = variable.finite("add_offset")?;
+        if scale == Some(0.0) {
+            let remedy = "correct the attribute, by which the stored numbers are multiplied";
+            return Err(variable.error("has the attribute `scale_factor` = 0", remedy));
+        }
         let packed = scale.is_some() || offset.is_some();
         let packing = packed.then(|| (scale.unwrap_or(1.0), offset.unwrap_or(0.0)));
         // Attributes may have another type than the values, so they are rounded to that type.
@@ -68,13 +77,13 @@ impl Coding {
         let of_unpacked = packed
             && bits.is_some()
             && ["valid_range", "valid_min", "valid_max"].iter().any(|name| variable.is_real(name));
-        Self {
+        Ok(Self {
             packing,
             wrap,
             missing,
             unpacked_missing: (unpacked, 0.5 * scale.unwrap_or(0.0).abs()),
             valid: (least, most, of_unpacked),
-        }
+        })
     }
 
     /// The value that a stored number represents; `None` for a missing value, and NaN for one

@@ -37,6 +37,8 @@ pub use reference::{
 };
 pub use sample::write_sample;
 
+use std::path::Path;
+
 /// Largest number of values that are read from one variable at once. It guards against files
 /// whose header declares more values than fit in memory.
 pub const MAX_VALUES: usize = 1 << 28;
@@ -50,6 +52,19 @@ pub struct Provenance {
     pub configuration: String,
     /// The seed of the run's random numbers.
     pub seed: u64,
+}
+
+/// The attribute of a file whose computation was interrupted.
+const INCOMPLETE: &str = "incomplete";
+
+/// What a file of deepct lacks because its computation was interrupted; `None` for a complete file, and
+/// for one that is no HDF5 file.
+pub fn incomplete(path: impl AsRef<Path>) -> Option<String> {
+    let path = path.as_ref();
+    if !is_hdf5(path) {
+        return None;
+    }
+    Input::open(path).ok()?.text(INCOMPLETE)
 }
 
 /// The reason of a failure in the words of HDF5: that of the operating system where there is one,

@@ -2,7 +2,7 @@
 
 use super::light::{get_light, put_light};
 use super::write::{Attribute::*, Output};
-use super::{Input, Provenance};
+use super::{INCOMPLETE, Input, Provenance};
 use crate::error::{Error, Result};
 use crate::image::ViewStack;
 use crate::math::DVec3;
@@ -25,6 +25,10 @@ const LOOKING_UP: i8 = 2;
 /// Largest angle (degrees) between the position of a camera and angles that are stored beside it:
 /// instruments round angles to 0.01 degrees.
 const ROUNDED_DEG: f64 = 0.05;
+
+/// Largest radiance (1/sr) for a solar irradiance of 1 that is taken for one of clouds where no unit is
+/// stated. A white surface under the Sun in the zenith has 0.32.
+const BRIGHTEST_CLOUD: f64 = 1.0;
 
 /// The parameters of all cameras, with one entry or row (x, y, z) per view.
 struct Cameras {
@@ -51,6 +55,9 @@ pub fn write_observation(
 ) -> Result<()> {
     let mut output = Output::create(path.as_ref(), provenance)?;
     put_observation(&mut output, observation)?;
+    if observation.incomplete {
+        output.mark_incomplete("the rendering was interrupted before it had all photon paths")?;
+    }
     output.finish()
 }
 
@@ -109,6 +116,7 @@ pub fn read_observation(path: impl AsRef<Path>) -> Result<Observation> {
     })?;
     let window = Window::read(&input, images.shape())?;
     let images = ViewStack { values: window.oriented(images.values) };
+    let has_units = input.variable("radiance")?.unit_text().is_some();
     let error = "radiance_standard_error";
     let standard_error = match input.has(error) {
         true => {
@@ -123,6 +131,17 @@ pub fn read_observation(path: impl AsRef<Path>) -> Result<Observation> {
     let (light, assumed) = get_light(&input)?;
     let mut observation = Observation::new(light, views, images)
         .map_err(|problem| input.error("radiance", problem.to_string(), "write it again"))?;
+    let brightest = observation.images.brightest();
+    if !has_units && f64::from(brightest) > BRIGHTEST_CLOUD * observation.light.sun.irradiance {
+        let problem = format!(
+            "has no units and numbers of up to {brightest}, more than a radiance of clouds for the solar \
+             irradiance {}",
+            observation.light.sun.irradiance
+        );
+        let remedy = "divide it by the solar irradiance and add the attribute units = \"sr-1\"";
+        return Err(input.error("radiance", problem, remedy));
+    }
+    observation.incomplete = input.text(INCOMPLETE).is_some();
     if standard_error.as_ref().is_some_and(|error| error.shape() != observation.images.shape()) {
         return Err(input.error(error, "has another shape than radiance", "write it again"));
     }

@@ -217,6 +217,25 @@ impl Variable<'_> {
         }
     }
 
+    /// The finite number in an attribute; `None` if there is no such attribute.
+    ///
+    /// # Errors
+    /// Returns an error if the attribute holds anything else.
+    pub(super) fn finite(&self, name: &str) -> Result<Option<f64>> {
+        if !self.attributes().iter().any(|attribute| attribute == name) {
+            return Ok(None);
+        }
+        match self.stored.attribute(name) {
+            Some(Attribute::Numbers(numbers, _)) if matches!(numbers[..], [n] if n.is_finite()) => {
+                Ok(Some(numbers[0]))
+            }
+            _ => {
+                let problem = format!("has an attribute `{name}` that is not a finite number");
+                Err(self.error(problem, "correct the attribute, or unpack the values"))
+            }
+        }
+    }
+
     /// A mark that this variable is being read.
     fn reading(&self) -> Reading {
         Reading::start(&self.input.path, 8.0 * self.shape.iter().product::<usize>() as f64)
@@ -339,7 +358,7 @@ impl Variable<'_> {
     ) -> Result<ArrayD<T>> {
         self.check_size(ranges)?;
         let kind = self.stored.kind();
-        let coding = Coding::of(self, &kind);
+        let coding = Coding::of(self, &kind)?;
         let value = |stored: f64| {
             T::from_f64(coding.decode(stored).map_or(missing, |value| value * factor))
         };

@@ -6,7 +6,7 @@ use super::light::put_light;
 use super::write::{Attribute::*, Output};
 use crate::error::Result;
 use crate::grid::Mask;
-use crate::inversion::{Reconstruction, Record};
+use crate::inversion::{Ending, Reconstruction, Record};
 use crate::scene::Observation;
 use ndarray::Array1;
 use std::path::Path;
@@ -14,7 +14,8 @@ use std::path::Path;
 /// Write a reconstruction: `extinction` and `mask` on `(z, y, x)`; on the dimension `step`, the
 /// values of `block`, `seconds`, `misfit` and, if the truth is known, `relative_error` and
 /// `mass_error` after each iteration; and the scene illumination of the images. The file can be
-/// read by `read_volume` and `read_mask`.
+/// read by `read_volume` and `read_mask`. That of an interrupted inversion is marked
+/// ([`incomplete`](super::incomplete)).
 ///
 /// # Errors
 /// Returns an error if the file cannot be written.
@@ -30,6 +31,9 @@ pub fn write_reconstruction(
     put_mask(&output, mask)?;
     put_light(&output, observation)?;
     put_history(&mut output, &reconstruction.history)?;
+    if reconstruction.ending == Ending::Interrupted {
+        output.mark_incomplete("the inversion was interrupted before its end")?;
+    }
     output.finish()
 }
 

@@ -1,7 +1,7 @@
 //! Writing of netCDF-4 files: variables on named dimensions. A file has a temporary name until it
 //! is complete.
 
-use super::{Provenance, creation, dimension, reason};
+use super::{INCOMPLETE, Provenance, creation, dimension, reason};
 use crate::error::{Error, Result};
 use hdf5::types::{FloatSize, OwnedDynValue, TypeDescriptor};
 use hdf5::{Dataset, DatasetBuilder, H5Type, Location};
@@ -94,6 +94,11 @@ impl Output {
             ],
         )?;
         Ok(output)
+    }
+
+    /// Mark the contents as those of a computation that was interrupted: `what` tells what they lack.
+    pub(super) fn mark_incomplete(&self, what: &str) -> Result<()> {
+        self.attributes(&self.file, "global attributes", &[(INCOMPLETE, Attribute::Text(what))])
     }
 
     /// Add a dimension with its coordinate variable.
