@@ -23,12 +23,11 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+import torch
 from weights_tools.check import Engine, answer, engines, weights_metadata
 from weights_tools.export import export, load_network
 from weights_tools.model import Network
 from weights_tools.scenes import PEARLS_32_DEG
-
-import torch
 
 PLANES = [0.6, 0.95, 1.12, 1.61]
 """Altitudes of the planes (km)."""
