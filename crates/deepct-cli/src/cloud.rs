@@ -8,7 +8,7 @@ use deepct_core::cloud::{
     Cloud, CumulusSettings, FieldSettings, IsolateSettings, LeftOut, cumulus, field,
     isolate_and_count,
 };
-use deepct_core::io::import::{AirDensity, Crop, ImportReport, ImportSettings, import_cloud};
+use deepct_core::io::import::{AirDensity, Axes, Crop, ImportReport, ImportSettings, import_cloud};
 use deepct_core::io::{Provenance, write_cloud};
 use deepct_core::math::DVec3;
 use deepct_core::optics::extinction;
@@ -88,6 +88,10 @@ struct ImportArgs {
     /// Number of levels; by default all levels up to the top of the file
     #[arg(long, value_name = "N")]
     levels: Option<usize>,
+    /// The axes of the variables of a file that does not name them, such as one of MATLAB 7.3, in the
+    /// order of HDF5, which is the reverse of that of MATLAB; their cells have the size --spacing
+    #[arg(long, value_name = "z,y,x", value_parser = str::parse::<Axes>)]
+    axes: Option<Axes>,
     /// Units of the values of a variable, in place of those in the file, such as "ql=kg kg-1"; may
     /// be given several times
     #[arg(long, value_name = "NAME=UNITS", value_parser = units)]
@@ -154,6 +158,7 @@ fn import(args: &ImportArgs, global: &Global) -> Result<Outcome> {
         spacing: args.spacing.0,
         base: args.base,
         levels: args.levels,
+        axes: args.axes,
         units: args.units.iter().cloned().collect(),
         allow_implausible: args.allow_implausible,
     };
@@ -275,6 +280,8 @@ struct Resolved<'a> {
     variable: Option<&'a str>,
     #[serde(skip_serializing_if = "Option::is_none")]
     isolate: Option<usize>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    axes: Option<String>,
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     allow_implausible: bool,
     shape: [usize; 3],
@@ -294,6 +301,7 @@ impl<'a> Resolved<'a> {
             air_density: args.air_density.as_ref().map(AirDensity::to_string),
             variable: args.variable.as_deref(),
             isolate: args.isolate,
+            axes: args.axes.map(|axes| axes.to_string()),
             allow_implausible: args.allow_implausible,
             shape: cloud.grid.shape,
             spacing_km: cloud.grid.spacing.to_array(),

@@ -18,13 +18,17 @@ Read by `cloud import`
                order, as mass per volume or as a mixing ratio with the density of air, or
                droplet spectra of WRF's bin microphysics (ff1i01, ff1i02, ...), or extinction;
                variables may be packed, big-endian or chunked, levels may be stretched;
-               values are converted from their units, and --units states missing ones
+               values are converted from their units, and --units states missing ones;
+               --axes states the axes of files without names of them (MATLAB 7.3)
   pySHDOM      text: a comment; nx ny nz; dx dy z0 z1 ...; rows i j k lwc reff [veff]
   AT3D         text: a comment; nx,ny,nz; dx,dy; z0,z1,...; names of columns, among
                them x,y,z (or i,j,k), lwc, reff and veff; rows
   SHDOM        text: the title `2 parameter LWC file`; nx ny nz; dx dy; nz altitudes of
                levels, or nz+1 of their faces; as many temperatures; rows i j k lwc reff
                with indices from 1
+  MYSTIC       text (libRadtran): nx ny nz flag; dx dy and nz+1 altitudes of faces; rows with
+               indices from 1: i j k extinction asymmetry albedo (flag 1), i j k extinction
+               reff (flag 2), or i j k lwc reff (flag 3)
 
 Read by other verbs
   grid      TOML: origin_km, spacing_km (x, y, z), shape (nz, ny, nx); or any field above

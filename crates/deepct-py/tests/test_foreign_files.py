@@ -143,7 +143,50 @@ def test_images_joined_by_xarray(files, tmp_path, command_line):
     joined["sun_zenith_deg"][1] += 10.0
     joined.to_netcdf(tmp_path / "two_suns.nc")
     line = refusal(command_line, "carve", tmp_path / "two_suns.nc", *carve)
-    assert "sun_zenith_deg: is 30 and 40" in line
+    assert "sun_zenith_deg: is 30 for one view and 40 for another; one value applies to all views" in line
+
+
+def test_angles_that_were_rounded(files, tmp_path, command_line):
+    """Instruments store angles with two decimals; another direction is a contradiction."""
+    with xr.open_dataset(files["images"]) as images:
+        images = images.load()
+    angles = images["view_zenith_deg"].values
+    carve = ("--grid", files["cloud"], "--out", tmp_path / "mask.nc")
+    for change, fits in [(np.round(angles, 2) - angles, True), (np.full(len(angles), 0.2), False)]:
+        images["view_zenith_deg"][:] = angles + change
+        images.to_netcdf(tmp_path / "angles.nc")
+        if fits:
+            command_line("carve", tmp_path / "angles.nc", *carve)
+            assert np.array_equal(values(tmp_path / "mask.nc", "mask"), values(files["mask"], "mask"))
+        else:
+            assert "but its camera is at" in refusal(command_line, "carve", tmp_path / "angles.nc", *carve)
+
+
+@pytest.mark.parametrize(
+    "code, words",
+    [
+        (-999.0, "may be the code of a missing value"),
+        (-9999.0, "may be the code of a missing value"),
+        (-32767.0, "may be the code of a missing value"),
+        (1e20, "may be the code of a missing value"),
+        (np.nan, "an infinite radiance_standard_error leaves a pixel out"),
+    ],
+)
+def test_radiances_that_are_codes_of_missing_values(files, tmp_path, command_line, code, words):
+    with xr.open_dataset(files["images"]) as images:
+        images = images.load()
+    images["radiance"][1, :, 3] = code
+    images["radiance"].encoding.clear()
+    images.to_netcdf(tmp_path / "coded.nc")
+    carve = ("--grid", files["cloud"], "--out", tmp_path / "mask.nc")
+    assert words in refusal(command_line, "carve", tmp_path / "coded.nc", *carve)
+
+
+def test_the_direction_in_which_sunlight_travels(files, tmp_path, command_line):
+    """SHDOM counts from there: a zenith angle of 165 degrees and an azimuth of 90 are 15 and 270."""
+    sun = ("--sun-zenith", 165, "--sun-azimuth", 90, "--samples", 2, "--out", tmp_path / "images.nc")
+    line = refusal(command_line, "render", files["cloud"], "--views", "cloudct-10", *sun)
+    assert "give 15 and the azimuth towards the Sun, 270" in line
 
 
 def test_masks_of_real_numbers(files, tmp_path, command_line):

@@ -568,6 +568,45 @@ def test_numbers_without_units_are_assumed_with_a_warning(tmp_path, load, refuse
     assert '--units ql="g kg-1"' in refused(path, "--air-density", 1)
 
 
+@pytest.mark.parametrize("units", ["1e-5kg/kg", "1e-5 kg/kg", "1E-05 kg kg-1", "10^-5 kg/kg", "0.01 g/kg"])
+def test_units_with_a_number(tmp_path, load, refused, units):
+    """DALES writes integers in 1e-5 kg/kg; its old files state this unit, but hold kg/kg."""
+    path = tmp_path / "fielddump.nc"
+    for numbers, kind in [(100.0 * WATER, "i2"), (100.0 * WATER, "f4"), (1e-3 * WATER, "f4")]:
+        with netCDF4.Dataset(path, "w") as file:
+            axis(file, "z", 520.0 + 40.0 * np.arange(4))
+            columns(file)
+            put(file, "ql", np.round(numbers, 6), units, ("z", "y", "x"), kind=kind)
+        if kind == "i2" or numbers.max() > 1.0:
+            cloud = load(path, "--air-density", "1.1")
+            np.testing.assert_allclose(cloud.water, 1.1 * WATER, rtol=1e-5, atol=1e-6)
+            assert f'are multiplied by the one in its units "{units}"' in cloud.warnings
+        else:
+            assert '--units ql="kg kg-1"' in refused(path, "--air-density", "1.1")
+            cloud = load(path, "--air-density", "1.1", "--units", "ql=kg kg-1")
+            np.testing.assert_allclose(cloud.water, 1.1 * WATER, rtol=1e-5, atol=1e-6)
+
+
+def test_numbers_of_droplets_per_mass_of_air(tmp_path, load):
+    """100 per mg of air of 1.1 kg/m3 are 110 per cm3; the density is told once."""
+    path = simple(tmp_path / "cloud.nc", water=1e-3 * WATER, units="kg kg-1")
+    with netCDF4.Dataset(path, "a") as file:
+        put(file, "nc", np.full(WATER.shape, 1e8), "kg-1", ("z", "y", "x"))
+    cloud = load(path, "--air-density", "1.1")
+    wet = WATER > 0
+    # reff = (3 lwc / (4 pi rho_w k N))^(1/3) with k = 0.8 depends on lwc / N, in which the density cancels.
+    ratio = cloud.radius[wet] / np.cbrt(WATER[wet])
+    np.testing.assert_allclose(ratio, ratio[0], rtol=1e-5)
+    assert cloud.printed.count("density of air") == 1
+    cloud = load(path)
+    np.testing.assert_allclose(cloud.radius[wet] / np.cbrt(WATER[wet]), ratio[0], rtol=1e-5)
+    assert cloud.warnings.count("that of the standard atmosphere") == 1
+    simple(path)
+    with netCDF4.Dataset(path, "a") as file:
+        put(file, "nc", np.full(WATER.shape, 1e8), "kg-1", ("z", "y", "x"))
+    assert "nc is per mass of air, and the file has no density of air" in load(path).warnings
+
+
 def test_terrain_is_no_cloud(tmp_path, load):
     water = np.ma.array(np.full(WATER.shape, 0.3))
     water[0, :, :2] = np.ma.masked
@@ -649,6 +688,48 @@ def test_a_user_block(tmp_path, load):
 
 
 @pytest.mark.skipif(h5py.version.hdf5_version_tuple < (2,), reason="the library writes older formats")
+@pytest.mark.parametrize(
+    "name, letter, units", [("plev", "Z", "Pa"), ("lat", "Y", "degrees_north"), ("z", "Z", "hPa")]
+)
+def test_axes_of_other_quantities(tmp_path, refused, name, letter, units):
+    path = tmp_path / "cloud.nc"
+    for attributes in ({}, {"axis": letter}):
+        names = [name if letter == known else known.lower() for known in "ZYX"]
+        with netCDF4.Dataset(path, "w") as file:
+            for dimension, length in zip(names, WATER.shape):
+                other = attributes if dimension == name else {}
+                unit = units if dimension == name else "m"
+                axis(file, dimension, 100.0 + 10.0 * np.arange(length), unit, **other)
+            put(file, "lwc", WATER, "g m-3", names)
+        line = refused(path)
+        assert f'lwc: has the axis {name} in "{units}", which is no length; interpolate' in line
+
+
+@pytest.mark.parametrize("order", ["zyx", "xyz", "zxy"])
+def test_axes_without_names(tmp_path, load, refused, order):
+    """Arrays of MATLAB 7.3 have neither names of the axes nor coordinates."""
+    path = tmp_path / "cloud.mat"
+    with h5py.File(path, "w", userblock_size=512) as file:
+        for name, values in [("lwc", WATER), ("reff", 5.0 + WATER), ("beta", 30.0 * WATER)]:
+            file[name] = values.transpose(["zyx".index(letter) for letter in order])
+    with open(path, "r+b") as file:
+        file.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(128))
+    assert "--axes z,y,x --spacing" in refused(path)
+    units = ("--units", "lwc=g m-3", "--units", "reff=um")
+    assert "--spacing DX,DY,DZ" in refused(path, "--axes", order, *units)
+    stated = ("--axes", ",".join(order), "--spacing", "0.05,0.06,0.04", "--base", "0.52")
+    assert "--units lwc=" in refused(path, *stated)
+    cloud = load(path, *stated, *units)
+    np.testing.assert_allclose(cloud.water, WATER, rtol=1e-6)
+    np.testing.assert_allclose(cloud.radius[WATER > 0], 5.0 + WATER[WATER > 0], rtol=1e-6)
+    assert cloud.spacing == pytest.approx([0.05, 0.06, 0.04])
+    assert cloud.bottom == pytest.approx(0.52)
+    assert "cells of 50 x 60 x 40 m from the altitude 0.52 km" in cloud.printed
+    assert "omit --axes" in refused(simple(tmp_path / "named.nc"), *stated)
+    cloud = load(path, *stated, "--variable", "beta", "--units", "beta=km-1")
+    np.testing.assert_allclose(cloud.extinction, 30.0 * WATER, rtol=1e-6)
+
+
 def test_a_newer_hdf5_format(tmp_path, refused):
     path = tmp_path / "newer.h5"
     with h5py.File(path, "w", libver="latest") as file:
@@ -736,6 +817,44 @@ def test_files_of_shdom_count_their_altitudes(tmp_path, load, refused, altitudes
     np.testing.assert_allclose(cloud.water, expected, rtol=1e-6)
     path.write_text(SHDOM.format(altitudes="0.425", temperatures="283.5"))
     assert "line 4: has 1 altitudes, not nz = 2 or nz + 1" in refused(path)
+
+
+@pytest.mark.parametrize(
+    "flag, rows, quantity, expected",
+    [
+        (1, ["1 1 1 20.0 0.85 1.0", "3 2 2 5.0 0.85 1.0"], "extinction", [20.0, 5.0]),
+        (2, ["1 1 1 20.0 8.0", "3 2 2 5.0 10.0"], "lwc", [20.0 * 8.0 / 1500.0, 5.0 * 10.0 / 1500.0]),
+        (3, ["1 1 1 0.25 8.0", "3 2 2 0.5 10.0"], "lwc", [0.25, 0.5]),
+    ],
+)
+def test_files_of_mystic(tmp_path, load, flag, rows, quantity, expected):
+    """The faces of the levels are given; an extinction becomes water by the efficiency of 2."""
+    path = tmp_path / "cumulus.dat"
+    path.write_text(f"3 2 3 {flag}\n0.05 0.06 0.5 0.54 0.58 0.62\n" + "\n".join(rows) + "\n")
+    cloud = load(path)
+    assert cloud.bottom == pytest.approx(0.5)
+    assert cloud.spacing == pytest.approx([0.05, 0.06, 0.04])
+    values = cloud.extinction if quantity == "extinction" else cloud.water
+    field = np.zeros((3, 2, 3))
+    field[0, 0, 0], field[1, 1, 2] = expected
+    np.testing.assert_allclose(values, field, rtol=1e-5)
+    if flag > 1:
+        assert cloud.radius[0, 0, 0] == pytest.approx(8.0)
+        assert cloud.radius[1, 1, 2] == pytest.approx(10.0)
+
+
+def test_text_that_is_something_else_is_refused(tmp_path, refused):
+    path = tmp_path / "cloud.txt"
+    for text, words in [
+        ("3 2 3 3\n0.05 0.05 0.5 0.54 0.58 0.62\n1 1 1 20.0 8\n", "line 3: has 20 g/m3 of water"),
+        ("3 2 3 3\n0.05 0.05 0.5 0.54 0.58\n1 1 1 0.2 8\n", "has 3 altitudes, not nz + 1 = 4"),
+        ("3 2 3 4\n0.05 0.05 0.5 0.54 0.58 0.62\n1 1 1 0.2 8\n", "or also a flag from 1 to 3"),
+        ("Tabulated phase function property file\n1 1 2\n", "optical properties of SHDOM"),
+        ("E\n1 1 2\n1.0 1.0 0.5 2.0\n", "optical properties of SHDOM"),
+        ("MATLAB 5.0 MAT-file, Platform: GLNXA64\n", "save it with -v7.3"),
+    ]:
+        path.write_text(text)
+        assert words in refused(path)
 
 
 def test_clouds_that_are_not_isolated_are_counted(tmp_path, command_line):

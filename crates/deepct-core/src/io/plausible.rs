@@ -165,17 +165,22 @@ impl<'a> Checks<'a> {
     }
 
     /// Check that a field that contains liquid water (g/m3) has more than traces of it somewhere: the
-    /// files of some models state g/kg, but contain kg/kg.
+    /// files of some models state g/kg, but contain kg/kg. `likely` is the reason otherwise.
     ///
     /// # Errors
     /// Returns an error if the largest value is implausibly small.
-    pub(crate) fn traces(&mut self, name: &str, values: &Array3<f32>) -> Result<()> {
+    pub(crate) fn traces(
+        &mut self,
+        name: &str,
+        values: &Array3<f32>,
+        likely: String,
+    ) -> Result<()> {
         let most = values.iter().copied().fold(0.0, f32::max);
         if most == 0.0 || most >= LEAST_WATER {
             return Ok(());
         }
         let problem = format!("is at most {most} g m-3, too little for a cloud");
-        self.refuse(name, problem, "the numbers may be in kg instead of g".into())
+        self.refuse(name, problem, likely)
     }
 
     /// Check densities of air (kg/m3) of the variable or setting `name`.

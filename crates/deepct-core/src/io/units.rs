@@ -1,8 +1,7 @@
 //! Units of variables, in the spellings of the UDUNITS library and of common programs.
 //!
-//! A unit is a product of powers: `kg m-3`, `kg.m**-3`, `kg/m^3`, `kilogram / meter ** 3`. A number
-//! other than 1 in a unit is not understood, because programs that write one disagree on whether
-//! the values are already multiplied by it.
+//! A unit is a product of powers: `kg m-3`, `kg.m**-3`, `kg/m^3`, `kilogram / meter ** 3`, and of
+//! numbers: `1e-5 kg/kg`, `0.001 g kg-1`.
 
 /// Number of base units: metre, kilogram, second, kelvin, radian. The radian is one of them so that
 /// a radiance (sr-1) is distinguished from a plain number.
@@ -21,6 +20,8 @@ pub(crate) struct Unit {
     /// The multiple is `scale * 10^exponent`; powers of ten are kept apart so that they are exact.
     scale: f64,
     exponent: i32,
+    /// Whether the text contains a number other than 1.
+    has_number: bool,
 }
 
 /// A symbol or name: its base units, its scale and its power of ten.
@@ -42,8 +43,7 @@ const SYMBOLS: [Entry; 9] = [
 ];
 
 /// Symbols that have no prefix.
-const FIXED: [Entry; 13] = [
-    ("1", [0; BASES], 1.0, 0),
+const FIXED: [Entry; 12] = [
     ("%", [0; BASES], 1.0, -2),
     ("mb", [-1, 1, -2, 0, 0], 1.0, 2),
     ("mbar", [-1, 1, -2, 0, 0], 1.0, 2),
@@ -94,7 +94,13 @@ const PREFIXES: [(&str, &str, i32); 10] = [
 
 impl Unit {
     /// The unit of a plain number.
-    const ONE: Self = Self { powers: [0; BASES], named: [false; BASES], scale: 1.0, exponent: 0 };
+    const ONE: Self = Self {
+        powers: [0; BASES],
+        named: [false; BASES],
+        scale: 1.0,
+        exponent: 0,
+        has_number: false,
+    };
 
     /// The unit with this text; `None` if it is not understood.
     pub(crate) fn parse(text: &str) -> Option<Self> {
@@ -116,6 +122,12 @@ impl Unit {
         Some(if exponent < 0 { scale / ten(-exponent) } else { scale * ten(exponent) })
     }
 
+    /// Whether the text contains a number other than 1, by which the values are to be multiplied. Some
+    /// programs write one and values that are already multiplied by it.
+    pub(crate) fn has_number(&self) -> bool {
+        self.has_number
+    }
+
     /// Whether this may be the unit of a ratio of masses: of a plain number, or mass per mass.
     pub(crate) fn is_mass_ratio(&self) -> bool {
         let [length, _, time, temperature, angle] = self.named;
@@ -130,12 +142,16 @@ impl Unit {
         }
         product.scale *= other.scale.powi(power);
         product.exponent += power * other.exponent;
+        product.has_number |= other.has_number;
         let extreme = |value: i32| value.abs() > 100;
-        (!product.powers.into_iter().any(extreme) && !extreme(product.exponent)).then_some(product)
+        let is_number = product.scale > 0.0 && product.scale.is_finite();
+        let is_extreme = product.powers.into_iter().any(extreme) || extreme(product.exponent);
+        (is_number && !is_extreme).then_some(product)
     }
 
     fn of((_, powers, scale, exponent): Entry, prefix: i32) -> Self {
-        Self { powers, named: powers.map(|power| power != 0), scale, exponent: exponent + prefix }
+        let named = powers.map(|power| power != 0);
+        Self { powers, named, scale, exponent: exponent + prefix, has_number: false }
     }
 
     /// The unit of a symbol or name.
@@ -205,17 +221,21 @@ impl Parser<'_> {
         rest.is_some()
     }
 
-    /// Factors, of which `/` divides by the next one only.
+    /// Factors, of which `/` divides by the next one only. A number is the first one or a divisor, because
+    /// that in `m-3.5` is not one.
     fn product(&mut self) -> Option<Unit> {
         let mut product = Unit::ONE;
         let mut sign = 1;
+        let mut may_be_number = true;
         loop {
-            let (factor, power) = self.factor()?;
+            let (factor, power) = self.factor(may_be_number)?;
             product = product.times(factor, sign * power)?;
             self.skip_spaces();
             sign = 1;
+            may_be_number = false;
             if self.take('/') {
                 sign = -1;
+                may_be_number = true;
             } else if !self.take('.') && (self.rest.is_empty() || self.rest.starts_with(')')) {
                 return Some(product);
             }
@@ -224,20 +244,19 @@ impl Parser<'_> {
     }
 
     /// A unit and its power.
-    fn factor(&mut self) -> Option<(Unit, i32)> {
+    fn factor(&mut self, may_be_number: bool) -> Option<(Unit, i32)> {
         self.skip_spaces();
         let unit = if self.take('(') {
             let unit = self.product()?;
             self.take(')').then_some(unit)?
+        } else if may_be_number && self.rest.starts_with(|letter: char| letter.is_ascii_digit()) {
+            let scale = self.number()?;
+            Unit { scale, has_number: scale != 1.0, ..Unit::ONE }
         } else {
             let word = |letter: char| letter.is_alphabetic() || "%°_".contains(letter);
             let end = self.rest.find(|letter| !word(letter)).unwrap_or(self.rest.len());
-            let end = if self.rest.starts_with('1') { 1 } else { end };
             let (name, rest) = self.rest.split_at(end);
             self.rest = rest;
-            if name == "1" && rest.starts_with(|next: char| next.is_alphanumeric()) {
-                return None;
-            }
             Unit::named(name)?
         };
         let after = self.rest.trim_start();
@@ -251,6 +270,26 @@ impl Parser<'_> {
             Some('0'..='9' | '-' | '+') => Some((unit, self.power()?)),
             _ => Some((unit, 1)),
         }
+    }
+
+    /// A positive number, such as 1e-5 or 0.001. The e of an exponent is followed by digits.
+    fn number(&mut self) -> Option<f64> {
+        let digits = |text: &str| text.find(|c: char| !c.is_ascii_digit()).unwrap_or(text.len());
+        let mut end = digits(self.rest);
+        if let Some(fraction) = self.rest[end..].strip_prefix('.') {
+            // Otherwise the point is a sign of multiplication.
+            let count = digits(fraction);
+            let is_exponent = fraction.starts_with(['e', 'E']);
+            end += if count > 0 || is_exponent { 1 + count } else { 0 };
+        }
+        if let Some(exponent) = self.rest[end..].strip_prefix(['e', 'E']) {
+            let unsigned = exponent.strip_prefix(['-', '+']).unwrap_or(exponent);
+            let count = digits(unsigned);
+            end += if count > 0 { 1 + exponent.len() - unsigned.len() + count } else { 0 };
+        }
+        let (number, rest) = self.rest.split_at(end);
+        self.rest = rest;
+        number.parse().ok().filter(|number| *number > 0.0 && f64::is_finite(*number))
     }
 
     fn power(&mut self) -> Option<i32> {
@@ -269,7 +308,7 @@ mod tests {
     use super::*;
 
     /// Spellings, the unit to which they are converted, and the factor.
-    const SPELLINGS: [(&str, &str, f64); 76] = [
+    const SPELLINGS: [(&str, &str, f64); 88] = [
         ("kg m-3", "g m-3", 1e3),
         ("kg m^-3", "g m-3", 1e3),
         ("kg m**-3", "g m-3", 1e3),
@@ -346,10 +385,22 @@ mod tests {
         ("degrees", "deg", 1.0),
         ("mW m-2 sr-1 nm-1", "W m-2 sr-1 um-1", 1.0),
         ("kg m-3 s-1", "g/m3/h", 3.6e6),
+        ("1e-5kg/kg", "1", 1e-5),
+        ("1e-5 kg kg-1", "1", 1e-5),
+        ("1E-05.kg/kg", "1", 1e-5),
+        ("10^-5 kg/kg", "1", 1e-5),
+        ("10-5 kg/kg", "1", 1e-5),
+        ("0.001 g/kg", "1", 1e-6),
+        ("1.E-5 kg/kg", "1", 1e-5),
+        ("1.kg m-3", "g m-3", 1e3),
+        ("1000 kg m-3", "g m-3", 1e6),
+        ("10 um", "um", 10.0),
+        ("1m", "m", 1.0),
+        ("kg/(1000 m3)", "g m-3", 1.0),
     ];
 
     /// Texts that are not units, or whose meaning is not certain.
-    const WRONG: [&str; 24] = [
+    const WRONG: [&str; 25] = [
         "",
         " ",
         "kgm-3",
@@ -363,10 +414,11 @@ mod tests {
         "kg//m3",
         "kg m-3)",
         "(kg m-3",
-        "1e-5kg/kg",
-        "1000 kg m-3",
-        "10 um",
-        "1m",
+        "0 kg m-3",
+        "1e kg m-3",
+        "1e999 kg m-3",
+        "-1 kg m-3",
+        "1 e",
         "furlong",
         "kg m-99",
         "kg m-3.5",
@@ -383,7 +435,8 @@ mod tests {
             let found = unit.factor_to(&Unit::parse(other).unwrap());
             let found = found.unwrap_or_else(|| panic!("{text:?} is not a unit like {other}"));
             let hours = text.ends_with("s-1") && other.ends_with("/h");
-            let tolerance = if hours { 1e-12 * factor } else { 0.0 };
+            let has_number = unit.has_number();
+            let tolerance = if hours || has_number { 1e-12 * factor } else { 0.0 };
             assert!((found - factor).abs() <= tolerance, "{text:?}: {found} {other}, not {factor}");
         }
     }

@@ -91,23 +91,42 @@ impl Sphere {
     /// of the scattering angle and at the opposite cosines (Bohren and Huffman 1983, equations
     /// 4.74 and 4.77). Divided by `pi x^2 Q_sca` it is the phase function.
     pub fn intensities(&self, cosines: &[f64]) -> [Vec<f64>; 2] {
-        let terms = self.coefficients.iter().enumerate().map(|(number, [a, b])| {
-            let n = (number + 1) as f64;
-            let weight = (2.0 * n + 1.0) / (n * (n + 1.0));
-            Term::new(n, weight * (a + b), weight * (a - b))
-        });
-        with_vectors(Series { terms: terms.collect(), cosines })
+        let coefficients = self.coefficients.iter().enumerate();
+        let terms: Vec<_> =
+            coefficients.map(|(number, pair)| Term::new((number + 1) as f64, *pair)).collect();
+        with_vectors(Series { terms: &terms, cosines })
     }
 }
 
-/// The extinction and scattering efficiencies of spheres of [`LANES`] size parameters. The size
-/// parameters must be similar, because all series have the length required by the largest one and
-/// the terms of much smaller spheres cannot be computed to that order.
-pub(super) fn efficiencies_of(
-    size_parameters: [f64; LANES],
-    refractive_index: Complex64,
-) -> [[f64; 2]; LANES] {
-    with_vectors(Batch { size_parameters, refractive_index })
+/// Spheres of [`LANES`] similar size parameters.
+pub(super) struct SimilarSpheres {
+    /// Extinction and scattering efficiency of each sphere.
+    pub(super) efficiencies: [[f64; 2]; LANES],
+    /// The series of every second sphere.
+    series: [Vec<Term>; SAMPLES],
+}
+
+impl SimilarSpheres {
+    /// The spheres with these size parameters. They must be similar, because all series have the length
+    /// required by the largest one and the terms of much smaller spheres cannot be computed to that
+    /// order.
+    pub(super) fn new(size_parameters: [f64; LANES], refractive_index: Complex64) -> Self {
+        with_vectors(Batch { size_parameters, refractive_index })
+    }
+
+    /// The intensities of the middle one, as [`Sphere::intensities`], but those opposite to the cosines from
+    /// number `resolved` on are the mean of every second sphere.
+    pub(super) fn intensities(&self, cosines: &[f64], resolved: usize) -> [Vec<f64>; 2] {
+        let at =
+            |sample: usize, cosines| with_vectors(Series { terms: &self.series[sample], cosines });
+        let [found, mut opposite] = at(MIDDLE, cosines);
+        for sample in (0..SAMPLES).filter(|sample| *sample != MIDDLE) {
+            let [_, values] = at(sample, &cosines[resolved..]);
+            opposite[resolved..].iter_mut().zip(values).for_each(|(sum, value)| *sum += value);
+        }
+        opposite[resolved..].iter_mut().for_each(|sum| *sum /= SAMPLES as f64);
+        [found, opposite]
+    }
 }
 
 /// The number of terms of the series: Wiscombe (1980), equation 9.
@@ -122,13 +141,17 @@ fn terms(x: f64) -> usize {
     terms.ceil() as usize
 }
 
-/// Number of spheres of a [`Batch`].
+/// Number of [`SimilarSpheres`].
 pub(super) const LANES: usize = 8;
+/// Number of those among them whose intensities are computed.
+const SAMPLES: usize = LANES / 2;
+/// The one among those that is in the middle.
+const MIDDLE: usize = SAMPLES / 2;
 
 /// A value for each sphere of a batch.
 type Values = [f64; LANES];
 
-/// The spheres of [`efficiencies_of`]. The calculation is that of [`Sphere::new`] with inner loops
+/// The calculation of [`SimilarSpheres`]. It is that of [`Sphere::new`] with inner loops
 /// over the spheres, which the compiler vectorises. The recurrences of a single sphere are long
 /// chains of divisions in which each depends on the previous one.
 struct Batch {
@@ -137,7 +160,7 @@ struct Batch {
 }
 
 impl WithSimd for Batch {
-    type Output = [[f64; 2]; LANES];
+    type Output = SimilarSpheres;
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) -> Self::Output {
@@ -172,9 +195,12 @@ impl WithSimd for Batch {
             chi[i] = chi_before[i] / x[i] + psi_before[i];
         }
         let (mut extinction, mut scattering) = ([0.0; LANES], [0.0; LANES]);
+        let mut series: [Vec<Term>; SAMPLES] = std::array::from_fn(|_| Vec::with_capacity(terms));
         for (n, derivative) in derivatives.iter().enumerate().skip(1) {
             let n = n as f64;
             let weight = 2.0 * n + 1.0;
+            // Real and imaginary parts of a_n and b_n.
+            let mut coefficients = [[[0.0; LANES]; 2]; 2];
             for i in 0..LANES {
                 let over = 1.0 / x[i];
                 let [re, im] = [derivative[0][i], derivative[1][i]];
@@ -184,24 +210,34 @@ impl WithSimd for Batch {
                     re * inverse.im + im * inverse.re,
                 ];
                 let magnetic = [re * m.re - im * m.im + n * over, re * m.im + im * m.re];
-                for [real, imaginary] in [electric, magnetic] {
+                for (coefficient, [real, imaginary]) in
+                    coefficients.iter_mut().zip([electric, magnetic])
+                {
                     // (f psi - psi') / (f xi - xi') with xi = psi - i chi.
                     let upper = [real * psi[i] - psi_before[i], imaginary * psi[i]];
                     let other = [real * chi[i] - chi_before[i], imaginary * chi[i]];
                     let lower = [upper[0] + other[1], upper[1] - other[0]];
                     let square = 1.0 / (lower[0] * lower[0] + lower[1] * lower[1]);
-                    extinction[i] += weight * (upper[0] * lower[0] + upper[1] * lower[1]) * square;
+                    coefficient[0][i] = (upper[0] * lower[0] + upper[1] * lower[1]) * square;
+                    coefficient[1][i] = (upper[1] * lower[0] - upper[0] * lower[1]) * square;
+                    extinction[i] += weight * coefficient[0][i];
                     scattering[i] += weight * (upper[0] * upper[0] + upper[1] * upper[1]) * square;
                 }
                 let next = weight * over;
                 (psi_before[i], psi[i]) = (psi[i], next * psi[i] - psi_before[i]);
                 (chi_before[i], chi[i]) = (chi[i], next * chi[i] - chi_before[i]);
             }
+            for (sample, terms) in series.iter_mut().enumerate() {
+                let of_sphere =
+                    |[re, im]: [Values; 2]| Complex64::new(re[2 * sample], im[2 * sample]);
+                terms.push(Term::new(n, coefficients.map(of_sphere)));
+            }
         }
-        std::array::from_fn(|i| {
+        let efficiencies = std::array::from_fn(|i| {
             let scale = 2.0 / (x[i] * x[i]);
             [scale * extinction[i], scale * scattering[i]]
-        })
+        });
+        SimilarSpheres { efficiencies, series }
     }
 }
 
@@ -219,7 +255,10 @@ struct Term {
 }
 
 impl Term {
-    fn new(n: f64, sum: Complex64, difference: Complex64) -> Self {
+    /// The term of the coefficients `a_n` and `b_n`.
+    fn new(n: f64, [a, b]: [Complex64; 2]) -> Self {
+        let weight = (2.0 * n + 1.0) / (n * (n + 1.0));
+        let (sum, difference) = (weight * (a + b), weight * (a - b));
         let sign = if n % 2.0 == 1.0 { 1.0 } else { -1.0 };
         Self {
             n,
@@ -233,7 +272,7 @@ impl Term {
 
 /// The series of [`Sphere::intensities`].
 struct Series<'a> {
-    terms: Vec<Term>,
+    terms: &'a [Term],
     cosines: &'a [f64],
 }
 
@@ -256,7 +295,7 @@ impl WithSimd for Series<'_> {
             let (mut pi, mut pi_before) = (simd.splat_f64s(1.0), zero);
             // The sums of the terms with pi + tau and of those with pi - tau.
             let (mut plus, mut minus) = ([zero; 4], [zero; 4]);
-            for term in &self.terms {
+            for term in self.terms {
                 // Bohren and Huffman (1983), equation 4.47, with tau divided by n.
                 let before = simd.mul_f64s(simd.splat_f64s(term.down), pi_before);
                 let tau = simd.mul_add_e_f64s(*cosine, pi, simd.neg_f64s(before));
@@ -372,9 +411,8 @@ mod tests {
         let index = Complex64::new(1.331, 1e-4);
         for x in [0.02, 0.5, 3.0, 9.9, 40.0, 93.5, 700.0] {
             let sizes = std::array::from_fn(|i| x * (1.0 + 1e-3 * i as f64));
-            for (x, [extinction, scattering]) in
-                sizes.into_iter().zip(efficiencies_of(sizes, index))
-            {
+            let found = SimilarSpheres::new(sizes, index).efficiencies;
+            for (x, [extinction, scattering]) in sizes.into_iter().zip(found) {
                 let expected = Sphere::new(x, index).efficiencies();
                 assert!(close(extinction, expected.extinction, 1e-9), "{x}: {extinction}");
                 assert!(close(scattering, expected.scattering, 1e-9), "{x}: {scattering}");

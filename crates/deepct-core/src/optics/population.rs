@@ -1,6 +1,6 @@
 //! The optics of droplet populations: Mie scattering averaged over the size distribution.
 
-use super::mie::{self, Sphere};
+use super::mie::{LANES, SimilarSpheres};
 use super::water::water_refractive_index;
 use super::{DropletOptics, DropletTable, PhaseFunction};
 use crate::error::{Error, Result};
@@ -51,9 +51,9 @@ const RELATIVE_STEP: f64 = 0.001;
 /// Step of the size parameter for large droplets: a fraction of the period with which the intensity
 /// at a fixed angle oscillates with size.
 const LARGEST_STEP: f64 = 0.3;
-/// Number of sizes in each step over which cross-sections are averaged, because they have
-/// resonances that are much narrower than the step.
-const SIZES_IN_STEP: usize = mie::LANES;
+/// Angle (degrees) from the backward direction within which intensities are averaged over sizes in each
+/// step: that of a single size is up to 5 % off there, and below 0.7 % elsewhere.
+const GLORY: f64 = 5.0;
 /// Droplets whose contribution to the forward peak is below this fraction of the largest one are
 /// neglected.
 const NEGLIGIBLE: f64 = 1e-6;
@@ -167,24 +167,25 @@ impl Spheres {
         let cosines = cosines();
         // The cosines are symmetric about 0, so only those from 0 on are needed.
         let forward = &cosines[cosines.len() / 2..];
+        let axial = forward.partition_point(|cosine| *cosine < GLORY.to_radians().cos());
         let scattered: Vec<_> = radii
             .par_iter()
             .rev()
             .map(|[radius, width]| {
-                let [forward, backward] =
-                    Sphere::new(wavenumber * radius, index).intensities(forward);
+                // The cross-sections and the glory have resonances that are much narrower than the step.
+                let within: [f64; LANES] = std::array::from_fn(|part| {
+                    let offset = (part as f64 + 0.5) / LANES as f64 - 0.5;
+                    radius + offset * width
+                });
+                let spheres = SimilarSpheres::new(within.map(|radius| wavenumber * radius), index);
+                let [forward, backward] = spheres.intensities(forward, axial);
                 let backward = backward.iter().rev().take(forward.len() - 1);
                 let intensities = backward.chain(&forward);
                 let scale = (wavenumber * wavenumber).recip();
                 let intensities = intensities.map(|value| value * scale).collect();
-                let within: [f64; SIZES_IN_STEP] = std::array::from_fn(|part| {
-                    let offset = (part as f64 + 0.5) / SIZES_IN_STEP as f64 - 0.5;
-                    radius + offset * width
-                });
-                let found = mie::efficiencies_of(within.map(|radius| wavenumber * radius), index);
                 let mut sections = [0.0; 2];
-                for (within, efficiencies) in within.iter().zip(found) {
-                    let area = PI * within * within / SIZES_IN_STEP as f64;
+                for (within, efficiencies) in within.iter().zip(spheres.efficiencies) {
+                    let area = PI * within * within / LANES as f64;
                     sections[0] += area * efficiencies[0];
                     sections[1] += area * efficiencies[1];
                 }
@@ -302,6 +303,39 @@ mod tests {
         let phase = &table.nodes()[2].phase_function;
         let at = |angle: f64| phase.density(angle.to_radians().cos());
         assert!(at(142.0) > 2.0 * at(120.0) && at(142.0) > 1.5 * at(160.0));
+    }
+
+    /// Wavelength, refractive index, effective radius and 100 times the phase function at 180, 179, 178
+    /// and 170 degrees: sums over the series of Bohren and Huffman (1983) in NumPy, for a gamma
+    /// distribution of effective variance 0.1 and size parameters 0.01 apart. Half as many differ
+    /// by up to 0.6 %.
+    const GLORIES: [(f64, Complex64, f64, [f64; 4]); 9] = [
+        (0.672, Complex64::new(1.331, 2.13e-8), 4.0, [5.09839, 4.05611, 3.00715, 1.90511]),
+        (0.672, Complex64::new(1.331, 2.13e-8), 10.0, [5.3136, 2.87503, 3.63118, 1.03325]),
+        (0.672, Complex64::new(1.331, 2.13e-8), 20.0, [5.72724, 2.87727, 1.4614, 0.713667]),
+        (0.446, Complex64::new(1.337, 1e-9), 4.0, [5.19501, 3.47182, 3.66954, 1.50848]),
+        (0.446, Complex64::new(1.337, 1e-9), 10.0, [5.28155, 3.44871, 2.37895, 0.887572]),
+        (0.446, Complex64::new(1.337, 1e-9), 20.0, [5.89803, 1.94673, 1.05474, 0.652184]),
+        (2.13, Complex64::new(1.294, 4e-4), 4.0, [2.42015, 2.33102, 2.09661, 2.38311]),
+        (2.13, Complex64::new(1.294, 4e-4), 10.0, [4.78317, 4.17024, 3.04325, 1.81531]),
+        (2.13, Complex64::new(1.294, 4e-4), 20.0, [3.95625, 2.40678, 1.85947, 0.814005]),
+    ];
+
+    #[test]
+    fn the_glory_is_that_of_fine_steps() {
+        for (wavelength, index, radius, expected) in GLORIES {
+            let refractive_index = Some(index);
+            let settings =
+                DropletSettings { refractive_index, ..DropletSettings::water(wavelength) };
+            let table = DropletTable::mie(&settings, &[radius]).unwrap();
+            for (angle, expected) in [180.0_f64, 179.0, 178.0, 170.0].into_iter().zip(expected) {
+                let found =
+                    100.0 * table.nodes()[0].phase_function.density(angle.to_radians().cos());
+                let place =
+                    format!("{wavelength} um, {radius} um, {angle}: {found}, not {expected}");
+                assert!((found / expected - 1.0).abs() < 8e-3, "{place}");
+            }
+        }
     }
 
     /// Chi-square test of 400,000 samples in 60 bins of the scattering angle, which are narrow in

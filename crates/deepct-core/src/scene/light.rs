@@ -365,8 +365,13 @@ impl DropletOpticsModel {
         if is_mie && albedo != default.single_scattering_albedo {
             return unused("optics.single_scattering_albedo", albedo, "optics.phase = mie");
         }
-        if !by_mie && self.bandwidth != 0.0 {
-            return unused("optics.bandwidth", self.bandwidth, "optics that are not by Mie theory");
+        let variance = self.effective_variance.unwrap_or(0.0);
+        for (name, value) in
+            [("optics.bandwidth", self.bandwidth), ("optics.effective_variance", variance)]
+        {
+            if !by_mie && value != 0.0 {
+                return unused(name, value, "optics that are not by Mie theory");
+            }
         }
         Ok(())
     }

@@ -3,6 +3,7 @@
 use crate::error::Result;
 use crate::grid::Grid;
 use crate::io::netcdf::{Input, Variable};
+use crate::io::units::Unit;
 use ndarray::{Array3, Axis, Slice};
 use std::ops::Range;
 
@@ -88,7 +89,15 @@ impl Layout {
             let kind = match kind_of(input, &name) {
                 Some(kind) => kind,
                 None if length == 1 => Kind::Single,
+                None if name.is_empty() => {
+                    return Err(variable.error(
+                        format!("has axes without names, of the lengths {:?}", variable.shape),
+                        "state their order and the sizes of the cells (km) with --axes and --spacing, \
+                         such as --axes z,y,x --spacing 0.05,0.05,0.04",
+                    ));
+                }
                 None => {
+                    check_is_length(input, variable, &name)?;
                     return Err(variable.error(
                         format!("has an axis {axis} (\"{name}\") that is not time, z, y or x"),
                         "give its coordinate variable the attribute `axis`: T, Z, Y or X",
@@ -255,6 +264,24 @@ impl Layout {
         let values = values.permuted_axes(order).as_standard_layout().to_owned();
         Ok(values.into_dimensionality().expect("time, z, y and x were distinguished"))
     }
+}
+
+/// Returns an error if the coordinate `name` of a field is in the unit of another quantity than a length,
+/// such as a pressure or a latitude.
+pub(super) fn check_is_length(input: &Input, field: &Variable, name: &str) -> Result<()> {
+    let text = input.variable(name).ok().and_then(|axis| axis.unit_text()).unwrap_or_default();
+    // The units of latitudes and longitudes are degrees_north and degrees_east.
+    let unit = Unit::parse(text.split('_').next().unwrap_or_default());
+    let [length, number] = ["m", "1"].map(|text| Unit::parse(text).expect("a unit"));
+    if unit.is_none_or(|unit| unit == number || unit.factor_to(&length).is_some()) {
+        return Ok(());
+    }
+    let problem = format!("has the axis {name} in \"{text}\", which is no length");
+    let remedy = format!(
+        "interpolate the field to altitudes and distances in m; only if the unit is wrong, state it with \
+         --units {name}=\"km\""
+    );
+    Err(field.error(problem, &remedy))
 }
 
 /// An error about two axes of one kind, one of which may be that of the faces.

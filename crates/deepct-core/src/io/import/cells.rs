@@ -1,7 +1,7 @@
 //! The cells of a simulation along its axes: their faces from CF bounds, from the axis of the faces
 //! that the model writes beside that of the centres, from geopotential heights, or from the centres.
 
-use super::axes::{Kind, Layout, are_faces, coordinate, kind_of, leaf};
+use super::axes::{Kind, Layout, are_faces, check_is_length, coordinate, kind_of, leaf};
 use crate::error::Result;
 use crate::grid::resample;
 use crate::io::netcdf::{
@@ -39,6 +39,11 @@ impl Cells {
         (self.faces[self.count()] - self.faces[0]) / self.count() as f64
     }
 
+    /// Cells of one size (km) from `start` (km) on.
+    pub(super) fn uniform(start: f64, size: f64, count: usize) -> Self {
+        Self::ascending(resample::uniform_edges(start, size, count))
+    }
+
     fn ascending(mut faces: Vec<f64>) -> Self {
         let descends = faces.first() > faces.last();
         if descends {
@@ -72,6 +77,7 @@ pub(super) fn horizontal(
     if let Some(cells) = of_own_layout(input, &axis)? {
         return Ok(Some(cells));
     }
+    check_is_length(input, water, &axis.name)?;
     let values = coordinates(&axis)?;
     let kilometre = length_unit(&axis, &values, checks)?;
     let faces = match (bounds(input, &axis, &values)?, values.len()) {
@@ -124,6 +130,7 @@ pub(super) fn vertical(
     if let Some(cells) = of_own_layout(input, &axis)? {
         return above_ground(water, cells, checks).map(Some);
     }
+    check_is_length(input, water, &axis.name)?;
     let values = coordinates_at(&axis, time)?;
     let kilometre = length_unit(&axis, &values, checks)?;
     let given = match bounds(input, &axis, &values)? {
@@ -178,7 +185,7 @@ fn of_own_layout(input: &Input, axis: &Variable) -> Result<Option<Cells>> {
         return Ok(None);
     }
     let (edge, spacing) = edge_and_spacing(input, axis)?;
-    Ok(Some(Cells::ascending(resample::uniform_edges(edge, spacing, axis.shape[0]))))
+    Ok(Some(Cells::uniform(edge, spacing, axis.shape[0])))
 }
 
 fn check_count(axis: &Variable, count: usize) -> Result<()> {
@@ -264,7 +271,7 @@ fn steps_of_wrf(
     match input.number(attribute) {
         Some(metres) if metres > 0.0 && metres.is_finite() => {
             checks.note(format!("{}: {attribute} = {metres} m, from 0", leaf(name)));
-            Ok(Cells::ascending(resample::uniform_edges(0.0, 1e-3 * metres, count)))
+            Ok(Cells::uniform(0.0, 1e-3 * metres, count))
         }
         _ => Err(water.error(
             format!("has an axis \"{name}\" without coordinates"),

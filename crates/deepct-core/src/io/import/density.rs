@@ -62,8 +62,15 @@ const HUMIDITY: Quantity = Quantity {
 
 impl<'a> Simulation<'a> {
     /// The density of air (kg/m3), in a shape that can be broadcast to a field `[z, y, x]`, by which
-    /// the mixing ratio `water` is multiplied.
-    pub(super) fn air_density(&mut self, water: &Variable) -> Result<Array3<f32>> {
+    /// a quantity per mass of air is multiplied.
+    pub(super) fn air_density(&mut self, quantity: &Variable) -> Result<Array3<f32>> {
+        if self.air_density.is_none() {
+            self.air_density = Some(self.find_air_density(quantity)?);
+        }
+        Ok(self.air_density.clone().expect("it was found"))
+    }
+
+    fn find_air_density(&mut self, quantity: &Variable) -> Result<Array3<f32>> {
         match &self.settings.air_density {
             Some(AirDensity::Constant(density)) => {
                 let density = Array3::from_elem((1, 1, 1), *density as f32);
@@ -86,14 +93,14 @@ impl<'a> Simulation<'a> {
             } else if !unit.as_deref().and_then(Unit::parse).as_ref().is_some_and(is_density) {
                 let unit = unit.map_or("missing".into(), |unit| format!("\"{unit}\""));
                 let problem = format!(
-                    "is a mixing ratio, and {} may be the density of air, but its unit is {unit}",
+                    "is per mass of air, and {} may be the density of air, but its unit is {unit}",
                     density.name
                 );
                 let remedy = format!(
                     "state it with --units {}=\"kg m-3\", or give another density with --air-density",
                     density.name
                 );
-                return Err(water.error(problem, &remedy));
+                return Err(quantity.error(problem, &remedy));
             } else {
                 let values = self.profile_or_field(&density, "kg m-3")?;
                 self.checks.air_density(&density.name, &values)?;
@@ -105,7 +112,7 @@ impl<'a> Simulation<'a> {
         if let Some(density) = self.of_specific_volume()? {
             return Ok(density);
         }
-        if let Some(density) = self.of_state(water)? {
+        if let Some(density) = self.of_state(quantity)? {
             self.checks.air_density("density from pressure and temperature", &density)?;
             return Ok(density);
         }
@@ -114,10 +121,10 @@ impl<'a> Simulation<'a> {
         self.checks.air_density("standard atmosphere", &density)?;
         let ends = [0, levels.len() - 1].map(|k| density[[k, 0, 0]]);
         self.checks.warn(format!(
-            "{} is a mixing ratio, and the file has no density of air{reasons}; that of the standard \
+            "{} is per mass of air, and the file has no density of air{reasons}; that of the standard \
              atmosphere is used, {:.3} to {:.3} kg/m3 from the lowest to the highest level read \
              (--air-density gives another, as a number or as FILE:VARIABLE)",
-            water.name, ends[0], ends[1]
+            quantity.name, ends[0], ends[1]
         ));
         self.checks.note("density of air: assumed, standard atmosphere");
         Ok(density)
@@ -156,8 +163,8 @@ impl<'a> Simulation<'a> {
     }
 
     /// The density from pressure, temperature and humidity, if the file has the first two: that of dry
-    /// air for a mixing ratio per mass of dry air, and of all air for a specific content.
-    fn of_state(&mut self, water: &Variable) -> Result<Option<Array3<f32>>> {
+    /// air for a quantity per mass of dry air, and of all air for a specific content.
+    fn of_state(&mut self, quantity: &Variable) -> Result<Option<Array3<f32>>> {
         let Some((pressure_name, pressure)) = self.quantity(&PRESSURE, "PB", 0.0)? else {
             return Ok(None);
         };
@@ -179,8 +186,8 @@ impl<'a> Simulation<'a> {
             }
         };
         let humidity = self.quantity(&HUMIDITY, "", 0.0)?;
-        let described = description(water).to_lowercase();
-        let standard = water.text("standard_name").unwrap_or_default();
+        let described = description(quantity).to_lowercase();
+        let standard = quantity.text("standard_name").unwrap_or_default();
         let of_all_air = described.contains("specific") || standard.starts_with("mass_fraction");
         let mut density = pressure / (temperature * DRY_AIR);
         let mut names = format!("{pressure_name}, {temperature_name}");

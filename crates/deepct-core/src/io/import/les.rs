@@ -1,10 +1,10 @@
 //! Import of large-eddy simulations in netCDF. Names, units and axes are identified by CF
 //! conventions, or by the customary names of common codes if a file does not follow them.
 
-use super::axes::{Kind, Layout, Window, leaf, levels_within, pieces};
+use super::axes::{Kind, Layout, Window, coordinate, leaf, levels_within, pieces};
 use super::cells::{self, Cells};
 use super::water::{Field, assumed_unit, find_field};
-use super::{Crop, DROPLETS_PER_CM3, ImportReport, ImportSettings, grid_over};
+use super::{Axes, Crop, DROPLETS_PER_CM3, ImportReport, ImportSettings, grid_over};
 use crate::cloud::resample::resample_droplets;
 use crate::cloud::{Cloud, Microphysics, Spectrum, doubling_radii};
 use crate::error::Result;
@@ -40,6 +40,8 @@ pub(super) struct Simulation<'a> {
     /// The altitudes of the centres of the levels that are read (km).
     pub(super) altitudes: Vec<f64>,
     pub(super) checks: Checks<'a>,
+    /// The density of air by which quantities per mass of air were multiplied.
+    pub(super) air_density: Option<Array3<f32>>,
 }
 
 /// Read one time of a simulation. Only the required part of the file is read. Returns the cloud
@@ -64,10 +66,15 @@ pub fn read_les(
     settings: &ImportSettings,
 ) -> Result<(Cloud, ImportReport)> {
     let path = path.as_ref();
-    let input = Input::open(path)?.with_units(&settings.units)?;
+    let input = Input::open(path)?.with_axes(settings.axes.map(Axes::names));
+    let input = input.with_units(&settings.units)?;
     let mut checks = Checks::new(path, settings.allow_implausible);
     let field = find_field(&input, settings, &mut checks)?;
     let variable = input.variable(field.name())?;
+    if settings.axes.is_some() && !variable.has_stated_axes {
+        let problem = "has named axes, or not three, so that --axes has no effect";
+        return Err(variable.error(problem, "omit --axes"));
+    }
     let mut layout = Layout::of(&input, &variable)?;
     let time = layout.check_time(&variable, settings.time)?;
     let [z, y, x] = cells_of(&input, &layout, &variable, time, settings, &mut checks)?;
@@ -96,8 +103,16 @@ pub fn read_les(
     };
     let altitudes = z_edges.windows(2).map(|face| 0.5 * (face[0] + face[1])).collect();
     let from_ground = levels.start == 0;
-    let mut simulation =
-        Simulation { input: &input, settings, layout, window, from_ground, altitudes, checks };
+    let mut simulation = Simulation {
+        input: &input,
+        settings,
+        layout,
+        window,
+        from_ground,
+        altitudes,
+        checks,
+        air_density: None,
+    };
     simulation.check_below(&variable, z.below)?;
     let cloud = simulation.cloud(&field, [z_edges, &y_edges, &x_edges], grid)?;
     let (taken, warnings) = simulation.checks.into_notes_and_warnings();
@@ -115,6 +130,10 @@ fn cells_of(
     checks: &mut Checks,
 ) -> Result<[Cells; 3]> {
     let spacing = |axis: usize| settings.spacing.map(|spacing| spacing[axis]);
+    let has_none = |kind| coordinate(input, layout.name(kind), kind).is_none();
+    if settings.axes.is_some() && [Kind::X, Kind::Y, Kind::Z].into_iter().all(has_none) {
+        return stated_cells(layout, variable, settings, checks);
+    }
     let x = cells::horizontal(input, layout, variable, Kind::X, None, checks)?;
     let width = x.as_ref().map(Cells::step).or(spacing(1));
     let y = cells::horizontal(input, layout, variable, Kind::Y, width, checks)?;
@@ -133,6 +152,31 @@ fn cells_of(
     Ok([required(z, "z")?, required(y, "y")?, required(x, "x")?])
 }
 
+/// The cells along z, y and x of a file without coordinates, of the size in the settings.
+fn stated_cells(
+    layout: &Layout,
+    variable: &Variable,
+    settings: &ImportSettings,
+    checks: &mut Checks,
+) -> Result<[Cells; 3]> {
+    let Some(spacing) = settings.spacing else {
+        let remedy = "give the sizes of its cells (km) with --spacing DX,DY,DZ";
+        return Err(variable.error("has axes without coordinates", remedy));
+    };
+    let bottom = settings.base.unwrap_or(0.0);
+    let [dx, dy, dz] = (1e3 * spacing).to_array();
+    checks.note(format!(
+        "axes: {}, of cells of {dx:.0} x {dy:.0} x {dz:.0} m from the altitude {bottom} km, as stated",
+        layout.text()
+    ));
+    let cells = |kind, start, size| Cells::uniform(start, size, layout.length(variable, kind));
+    Ok([
+        cells(Kind::Z, bottom, spacing.z),
+        cells(Kind::Y, 0.0, spacing.y),
+        cells(Kind::X, 0.0, spacing.x),
+    ])
+}
+
 impl<'a> Simulation<'a> {
     /// The cloud of the field, whose cells have the given edges, on `grid`.
     fn cloud(&mut self, field: &Field, edges: [&[f64]; 3], grid: Grid) -> Result<Cloud> {
@@ -144,8 +188,9 @@ impl<'a> Simulation<'a> {
             }
             Field::Bins(bins) => self.spectrum(bins)?.microphysics(),
             Field::Water(name) => {
-                let mut content = self.concentration(&self.input.variable(name)?)?;
-                self.checks.traces(name, &content)?;
+                let water = self.input.variable(name)?;
+                let mut content = self.concentration(&water)?;
+                self.checks.traces(name, &content, likely_unit(&water))?;
                 self.note_what_is_cut(&content, edges[0], &grid);
                 let Some(effective_radius) = self.effective_radius(&mut content)? else {
                     let content = resample(&content, edges, &grid)?;
@@ -240,6 +285,14 @@ impl<'a> Simulation<'a> {
         let factor = unit.factor_to(&target).ok_or_else(wrong)?;
         let layout = self.layout.of_other(water, "give it on the same axes")?;
         let mut values = layout.read(water, &self.window, factor, MISSING)?;
+        if let Some(stated) = stated.as_ref().filter(|_| unit.has_number()) {
+            let plain = if ratio { "kg kg-1" } else { "kg m-3" };
+            self.checks.warn(format!(
+                "the numbers of {name} are multiplied by the one in its units \"{stated}\"; \
+                 --units {name}=\"{plain}\" states the units of numbers that already are",
+                name = water.name
+            ));
+        }
         let said = self.unit_of_model(water, stated.as_deref(), ratio, &mut values)?;
         if ratio {
             let density = self.air_density(water)?;
@@ -333,8 +386,7 @@ impl<'a> Simulation<'a> {
             }
             return Err(variable.error(
                 format!("is {value} {unit} in the part that was read, at [z {k}, y {j}, x {i}]"),
-                "it must be finite, within the valid range of the file and not negative: choose \
-                 another part of the file",
+                "it must be finite and not negative: choose another part of the file",
             ));
         }
         Ok(())
@@ -446,6 +498,19 @@ impl<'a> Simulation<'a> {
         let layout = self.layout.of_other(variable, "give it on axes of the liquid water")?;
         let values = layout.read(variable, &self.window, variable.factor_to(unit)?, f32::NAN)?;
         Ok(values.broadcast(shape).expect("read on the same axes").to_owned())
+    }
+}
+
+/// Why the numbers of liquid water may be too small.
+fn likely_unit(water: &Variable) -> String {
+    let stated = water.unit_text().unwrap_or_default();
+    match Unit::parse(&stated) {
+        Some(unit) if unit.has_number() => format!(
+            "the numbers may already be multiplied by the one in their units \"{stated}\", which \
+             --units {}=\"kg kg-1\" states",
+            water.name
+        ),
+        _ => "the numbers may be in kg instead of g".into(),
     }
 }
 

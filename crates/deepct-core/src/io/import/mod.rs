@@ -54,6 +54,9 @@ pub struct ImportSettings {
     pub base: Option<f64>,
     /// Number of levels; up to the top of the file if `None`.
     pub levels: Option<usize>,
+    /// The axes of variables in files that do not name them, such as those of MATLAB; their cells have
+    /// the size `spacing`, and begin at 0 along x and y and at `base` along z.
+    pub axes: Option<Axes>,
     /// Units of variables that replace those of the file, by the name of the variable.
     pub units: BTreeMap<String, String>,
     /// Whether values far beyond those of clouds are accepted with a warning.
@@ -72,6 +75,41 @@ pub enum AirDensity {
         /// The name of the variable, after the path of its group.
         variable: String,
     },
+}
+
+/// The order of the axes of a variable, the slowest one first.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Axes([char; 3]);
+
+impl Axes {
+    fn names(self) -> [String; 3] {
+        self.0.map(String::from)
+    }
+}
+
+impl FromStr for Axes {
+    type Err = String;
+
+    /// The letters x, y and z, such as `z,y,x`.
+    fn from_str(text: &str) -> std::result::Result<Self, String> {
+        let letters: Vec<char> = text
+            .chars()
+            .filter(|letter| !", ".contains(*letter))
+            .map(|c| c.to_ascii_lowercase())
+            .collect();
+        match letters[..] {
+            [a, b, c] if ['x', 'y', 'z'].iter().all(|letter| letters.contains(letter)) => {
+                Ok(Self([a, b, c]))
+            }
+            _ => Err("give the letters x, y and z in the order of the axes, such as z,y,x".into()),
+        }
+    }
+}
+
+impl fmt::Display for Axes {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.write_str(&self.names().join(","))
+    }
 }
 
 impl FromStr for AirDensity {
@@ -121,6 +159,7 @@ impl Default for ImportSettings {
             spacing: Some(DVec3::new(0.05, 0.05, 0.04)),
             base: None,
             levels: None,
+            axes: None,
             units: BTreeMap::new(),
             allow_implausible: false,
         }
@@ -159,11 +198,17 @@ pub fn import_cloud(
         return Err(Error::file(path, "file", what, remedy));
     }
     crate::files::check_regular(path)?;
-    let mut start = [0; 4];
+    let mut start = [0; 6];
     let read = std::fs::File::open(path).and_then(|mut file| file.read_exact(&mut start));
     match (read, &start) {
-        (Ok(()), b"CDF\x01" | b"CDF\x02" | b"CDF\x05") => read_les(path, settings),
+        (Ok(()), [b'C', b'D', b'F', 1 | 2 | 5, ..]) => read_les(path, settings),
         _ if is_hdf5(path) => read_les(path, settings),
+        (Ok(()), b"MATLAB") => {
+            let problem = "is a MATLAB file of version 5 to 7, which is not read";
+            let remedy =
+                "save it with -v7.3 in MATLAB, or convert it with scipy.io.loadmat and xarray";
+            Err(Error::file(path, "file", problem, remedy))
+        }
         _ => read_text(path, settings),
     }
 }

@@ -1,4 +1,5 @@
-//! Import of the text formats of pySHDOM, AT3D and SHDOM, which have one line per voxel with water.
+//! Import of the text formats of pySHDOM, AT3D, SHDOM and MYSTIC, which have one line per voxel with
+//! water.
 //!
 //! A pySHDOM file consists of a comment line, `nx ny nz`, then `dx dy z0 z1 ...` on one line, then
 //! rows `i j k lwc reff [veff]`. An AT3D file consists of a comment line, `nx,ny,nz`, `dx,dy`,
@@ -11,14 +12,18 @@
 //! A file of SHDOM begins with the title `2 parameter LWC file`, then `nx ny nz`, `dx dy`, the
 //! altitudes, the temperatures, and rows `i j k lwc reff` whose indices start at 1. With nz altitudes
 //! these are the centres of the levels; with nz + 1, as in the files of the I3RC model, their faces.
+//!
+//! A file of MYSTIC (libRadtran) begins with `nx ny nz flag` and `dx dy z0 z1 ...` with the nz + 1 faces
+//! of the levels. The rows, whose indices start at 1, are `i j k extinction asymmetry albedo` for the
+//! flag 1, `i j k extinction reff` for 2 and `i j k lwc reff` for 3, with the extinction in 1/km.
 
 use super::{Crop, ImportReport, ImportSettings, edges_of, grid_over};
 use crate::cloud::resample::resample_droplets;
 use crate::cloud::{Cloud, EFFECTIVE_VARIANCE, Microphysics};
 use crate::error::{Error, Result};
 use crate::files;
-use crate::grid::MAX_VOXELS;
-use crate::grid::resample::uniform_edges;
+use crate::grid::resample::{resample, uniform_edges};
+use crate::grid::{MAX_VOXELS, Volume};
 use crate::io::plausible::Checks;
 use crate::memory;
 use ndarray::{Array3, Axis};
@@ -42,6 +47,7 @@ struct Header {
     columns: Columns,
     /// The index of the first voxel along each axis.
     first: usize,
+    is_of_mystic: bool,
 }
 
 /// The positions of the values in a row, and the number of its fields.
@@ -49,11 +55,29 @@ struct Header {
 struct Columns {
     /// The indices along x, y, z.
     indices: [usize; 3],
-    water: usize,
-    radius: usize,
+    amount: usize,
+    /// What the amount is.
+    of: Amount,
+    radius: Option<usize>,
     variance: Option<usize>,
     count: usize,
 }
+
+/// What a row states of the droplets.
+#[derive(Clone, Copy, PartialEq)]
+enum Amount {
+    /// Liquid water content (g/m3).
+    Water,
+    /// Extinction (1/km).
+    Extinction,
+}
+
+/// Largest liquid water content (g/m3) that is not taken for an extinction in a column that may contain
+/// either.
+const LARGEST_WATER: f32 = 5.0;
+/// Extinction (1/km) of 1 g/m3 of droplets with an effective radius of 1 um and an extinction efficiency
+/// of 2.
+const EXTINCTION_PER_WATER: f32 = 1500.0;
 
 /// Read a text file in either format. Effective radii are those of the file unless the settings
 /// specify a droplet number concentration. Returns the cloud and a
@@ -81,10 +105,8 @@ pub fn read_text(
     // Spreadsheets write a byte-order mark.
     let mut lines = Lines::new(path, text.trim_start_matches('\u{feff}'));
     let header = lines.header()?;
-    let droplets = lines.rows(&header, &mut checks)?;
-    checks.droplets(&droplets)?;
+    let [amount, effective_radius, effective_variance] = lines.rows(&header, &mut checks)?;
     let crop = Crop::of(settings, path, [header.shape[1], header.shape[2]])?;
-    let droplets = cropped(droplets, crop);
     let faces = header.z.len() > header.shape[0];
     let z = if faces { header.z.clone() } else { edges_of(&header.z, path, "altitudes")? };
     let axis = |step: f64, first: usize, count| {
@@ -101,7 +123,32 @@ pub fn read_text(
     checks.lengths([header.dx, header.dy, level], [z[0], z[z.len() - 1]])?;
     let grid = grid_over([&z, &y, &x], settings, path)?;
     checks.grid(&grid)?;
-    let cloud = resample_droplets(&droplets, [&z, &y, &x], &grid)?;
+    let cloud = match (header.columns.of, header.columns.radius) {
+        (Amount::Extinction, None) => {
+            checks.extinction("extinction", &amount)?;
+            checks.note("extinction: of the file; its asymmetry and albedo are not read");
+            let extinction = resample(&columns(&amount, crop), [&z, &y, &x], &grid)?;
+            Cloud::from_extinction(Volume::new(grid, extinction)?)?
+        }
+        (of, _) => {
+            let mut liquid_water_content = amount;
+            if of == Amount::Extinction {
+                checks.note("liquid water: from extinction and radius, for an efficiency of 2");
+                liquid_water_content.zip_mut_with(&effective_radius, |v, radius| {
+                    *v *= radius / EXTINCTION_PER_WATER
+                });
+            }
+            let droplets =
+                Microphysics { liquid_water_content, effective_radius, effective_variance };
+            checks.droplets(&droplets)?;
+            let droplets = Microphysics {
+                liquid_water_content: columns(&droplets.liquid_water_content, crop),
+                effective_radius: columns(&droplets.effective_radius, crop),
+                effective_variance: columns(&droplets.effective_variance, crop),
+            };
+            resample_droplets(&droplets, [&z, &y, &x], &grid)?
+        }
+    };
     let cloud = match (settings.droplets_per_cm3, cloud.microphysics) {
         (Some(number), Some(droplets)) => Cloud::from_microphysics(
             grid,
@@ -125,7 +172,7 @@ impl<'a> Lines<'a> {
     }
 
     fn error(&self, line: usize, problem: impl Into<String>) -> Error {
-        let remedy = "give a text file of pySHDOM, AT3D or SHDOM; `formats` describes them";
+        let remedy = "give a text file of pySHDOM, AT3D, SHDOM or MYSTIC; `formats` describes them";
         Error::file(self.path, format!("line {line}"), problem, remedy)
     }
 
@@ -151,6 +198,13 @@ impl<'a> Lines<'a> {
         let what = "the counts nx, ny, nz";
         let title = self.lines.first().map_or("", |(_, line)| *line).to_lowercase();
         let of_shdom = title.split_whitespace().eq(["2", "parameter", "lwc", "file"]);
+        if is_property_file(&title) {
+            let problem = "is that of a file of optical properties of SHDOM, whose extinction may contain \
+                           that of the air";
+            let remedy =
+                "give the file of particles from which it was made (\"2 parameter LWC file\")";
+            return Err(Error::file(self.path, "line 1", problem, remedy));
+        }
         // The first line is a comment, with or without the sign of one.
         let words = |fields: &[&str]| fields.iter().any(|field| number(field).is_none());
         if self.lines.len() > 1 && words(&self.cut(what)?.1) {
@@ -160,10 +214,15 @@ impl<'a> Lines<'a> {
         }
         let (line, counts) = self.numbers(what)?;
         let counts: Option<Vec<usize>> = counts.into_iter().map(whole).collect();
-        let Some([nx, ny, nz]) = counts.as_deref() else {
-            return Err(self.error(line, "does not hold three counts nx, ny, nz"));
+        let (nx, ny, nz, flag) = match counts.as_deref() {
+            Some([nx, ny, nz]) => (*nx, *ny, *nz, None),
+            Some([nx, ny, nz, flag @ 1..=3]) => (*nx, *ny, *nz, Some(*flag)),
+            _ => {
+                let problem = "does not hold three counts nx, ny, nz, or also a flag from 1 to 3";
+                return Err(self.error(line, problem));
+            }
         };
-        let [nx, ny, nz] = [*nx, *ny, *nz];
+        let has_faces = of_shdom || flag.is_some();
         let voxels = nx.checked_mul(ny).and_then(|columns| columns.checked_mul(nz));
         if !voxels.is_some_and(|count| (1..=MAX_VOXELS).contains(&count)) {
             return Err(self.error(line, format!("declares {nx} x {ny} x {nz} voxels")));
@@ -176,9 +235,13 @@ impl<'a> Lines<'a> {
         } else {
             ((line, steps.split_off(steps.len().min(2))), false)
         };
-        if z.len() != nz && !(of_shdom && z.len() == nz + 1) {
-            let or_faces = if of_shdom { " or nz + 1" } else { "" };
-            let problem = format!("has {} altitudes, not nz = {nz}{or_faces}", z.len());
+        if !(flag.is_none() && z.len() == nz || has_faces && z.len() == nz + 1) {
+            let expected = match (flag, of_shdom) {
+                (Some(_), _) => format!("nz + 1 = {}", nz + 1),
+                (None, true) => format!("nz = {nz} or nz + 1"),
+                (None, false) => format!("nz = {nz}"),
+            };
+            let problem = format!("has {} altitudes, not {expected}", z.len());
             return Err(self.error(line_of_z, problem));
         }
         if z.len() > nz && !z.is_sorted_by(|a, b| a < b) {
@@ -191,11 +254,20 @@ impl<'a> Lines<'a> {
                 return Err(self.error(line, problem));
             }
         }
-        let columns = self.columns(names_required && !of_shdom)?;
+        let columns = match flag {
+            Some(flag) => Columns::of_mystic(flag),
+            None => self.columns(names_required && !of_shdom)?,
+        };
         match steps[..] {
-            [dx, dy] if dx > 0.0 && dy > 0.0 && dx.is_finite() && dy.is_finite() => {
-                Ok(Header { shape: [nz, ny, nx], dx, dy, z, columns, first: of_shdom.into() })
-            }
+            [dx, dy] if dx > 0.0 && dy > 0.0 && dx.is_finite() && dy.is_finite() => Ok(Header {
+                shape: [nz, ny, nx],
+                dx,
+                dy,
+                z,
+                columns,
+                first: has_faces.into(),
+                is_of_mystic: flag.is_some(),
+            }),
             _ => Err(self.error(line, "does not hold two positive steps dx, dy (km)")),
         }
     }
@@ -209,8 +281,9 @@ impl<'a> Lines<'a> {
             self.next -= 1;
             let columns = Columns {
                 indices: [0, 1, 2],
-                water: 3,
-                radius: 4,
+                amount: 3,
+                of: Amount::Water,
+                radius: Some(4),
                 variance: (names.len() == 6).then_some(5),
                 count: names.len(),
             };
@@ -232,8 +305,9 @@ impl<'a> Lines<'a> {
         match (indices, place(&["lwc"]), place(&["reff"])) {
             ([Some(x), Some(y), Some(z)], Some(water), Some(radius)) => Ok(Columns {
                 indices: [x, y, z],
-                water,
-                radius,
+                amount: water,
+                of: Amount::Water,
+                radius: Some(radius),
                 variance: place(&["veff"]),
                 count: names.len(),
             }),
@@ -244,12 +318,10 @@ impl<'a> Lines<'a> {
         }
     }
 
-    fn rows(&mut self, header: &Header, checks: &mut Checks) -> Result<Microphysics> {
-        let mut droplets = Microphysics {
-            liquid_water_content: Array3::zeros(header.shape),
-            effective_radius: Array3::zeros(header.shape),
-            effective_variance: Array3::from_elem(header.shape, EFFECTIVE_VARIANCE),
-        };
+    /// The amount, the effective radius (um) and the effective variance of each voxel.
+    fn rows(&mut self, header: &Header, checks: &mut Checks) -> Result<[Array3<f32>; 3]> {
+        let [mut amounts, mut radii] = [(); 2].map(|()| Array3::zeros(header.shape));
+        let mut variances = Array3::from_elem(header.shape, EFFECTIVE_VARIANCE);
         let columns = header.columns;
         let mut lines_of = BTreeMap::new();
         let mut from_zero = false;
@@ -271,20 +343,26 @@ impl<'a> Lines<'a> {
                 found.filter(|value| value.is_finite() && *value >= 0.0)
             };
             let variance = columns.variance.map_or(Some(EFFECTIVE_VARIANCE), value);
-            let (Some(lwc), Some(reff), Some(veff)) =
-                (value(columns.water), value(columns.radius), variance)
+            let radius = columns.radius.map_or(Some(0.0), value);
+            let (Some(amount), Some(reff), Some(veff)) = (value(columns.amount), radius, variance)
             else {
                 return Err(self.error(line, "lacks a number, or contains a negative one"));
             };
-            if lwc > 0.0 && reff <= 0.0 {
+            if header.is_of_mystic && columns.of == Amount::Water && amount > LARGEST_WATER {
+                let problem = format!("has {amount} g/m3 of water, according to the flag 3");
+                let remedy =
+                    "if the column is the extinction (1/km), write the flag 2 into the first line";
+                return Err(Error::file(self.path, format!("line {line}"), problem, remedy));
+            }
+            if amount > 0.0 && columns.radius.is_some() && reff <= 0.0 {
                 return Err(self.error(line, "contains water without an effective radius"));
             }
             if let Some(other) = lines_of.insert([k, j, i], line) {
                 return Err(self.error(line, format!("repeats the voxel of line {other}")));
             }
-            droplets.liquid_water_content[[k, j, i]] = lwc;
-            droplets.effective_radius[[k, j, i]] = reff;
-            droplets.effective_variance[[k, j, i]] = veff;
+            amounts[[k, j, i]] = amount;
+            radii[[k, j, i]] = reff;
+            variances[[k, j, i]] = veff;
         }
         if header.first == 0 && !from_zero && !lines_of.is_empty() {
             checks.warn(
@@ -292,7 +370,7 @@ impl<'a> Lines<'a> {
                  the cloud is one voxel off if they do not",
             );
         }
-        Ok(droplets)
+        Ok([amounts, radii, variances])
     }
 
     /// The indices `[z, y, x]` of a row.
@@ -325,6 +403,28 @@ impl<'a> Lines<'a> {
     }
 }
 
+impl Columns {
+    /// Those of a file of MYSTIC with a flag: extinction, asymmetry and albedo (1), extinction and radius
+    /// (2), or liquid water and radius (3).
+    fn of_mystic(flag: usize) -> Self {
+        Self {
+            indices: [0, 1, 2],
+            amount: 3,
+            of: if flag == 3 { Amount::Water } else { Amount::Extinction },
+            radius: (flag > 1).then_some(4),
+            variance: None,
+            count: if flag == 1 { 6 } else { 5 },
+        }
+    }
+}
+
+/// Whether the first line is that of a property file of SHDOM: a type, of which only the first letter
+/// counts.
+fn is_property_file(title: &str) -> bool {
+    let types = ["t", "p", "e", "tabulated phase", "polarized tabulated", "extinction only"];
+    types[..3].contains(&title) || types[3..].iter().any(|start| title.starts_with(start))
+}
+
 /// The fields of a line: between commas if it has any, otherwise between spaces or tabs.
 fn fields(line: &str) -> Vec<&str> {
     match line.contains(',') {
@@ -344,16 +444,10 @@ fn whole(number: f64) -> Option<usize> {
     fits.then_some(number as usize)
 }
 
-fn cropped(droplets: Microphysics, crop: Crop) -> Microphysics {
-    let columns = |values: Array3<f32>| {
-        let (_, ny, nx) = values.dim();
-        let rows: Vec<_> = (crop.y0..crop.y0 + crop.ny).map(|row| row % ny).collect();
-        let cols: Vec<_> = (crop.x0..crop.x0 + crop.nx).map(|col| col % nx).collect();
-        values.select(Axis(1), &rows).select(Axis(2), &cols)
-    };
-    Microphysics {
-        liquid_water_content: columns(droplets.liquid_water_content),
-        effective_radius: columns(droplets.effective_radius),
-        effective_variance: columns(droplets.effective_variance),
-    }
+/// The columns of a field in the crop.
+fn columns(values: &Array3<f32>, crop: Crop) -> Array3<f32> {
+    let (_, ny, nx) = values.dim();
+    let rows: Vec<_> = (crop.y0..crop.y0 + crop.ny).map(|row| row % ny).collect();
+    let cols: Vec<_> = (crop.x0..crop.x0 + crop.nx).map(|col| col % nx).collect();
+    values.select(Axis(1), &rows).select(Axis(2), &cols)
 }

@@ -86,8 +86,8 @@ impl Coding {
         })
     }
 
-    /// The value that a stored number represents; `None` for a missing value, and NaN for one
-    /// outside the valid range.
+    /// The value that a stored number represents; `None` for a missing value, which one outside the valid
+    /// range is as well.
     pub(super) fn decode(&self, stored: f64) -> Option<f64> {
         let is = |declared: &f64| *declared == stored || (declared.is_nan() && stored.is_nan());
         if self.missing.iter().any(is) {
@@ -101,6 +101,6 @@ impl Coding {
         }
         let (least, most, unpacked) = self.valid;
         let checked = if unpacked { value } else { stored };
-        Some(if checked < least || checked > most { f64::NAN } else { value })
+        (!(checked < least || checked > most)).then_some(value)
     }
 }

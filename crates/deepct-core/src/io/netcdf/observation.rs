@@ -112,7 +112,9 @@ pub fn read_observation(path: impl AsRef<Path>) -> Result<Observation> {
         if relative { variable.reals_3d() } else { variable.reals_3d_of_layout("sr-1") }
     };
     let images = ViewStack::new(values("radiance")?).map_err(|problem| {
-        input.error("radiance", problem.to_string(), "write images without missing pixels")
+        let remedy =
+            "write numbers everywhere; an infinite radiance_standard_error leaves a pixel out";
+        input.error("radiance", problem.to_string(), remedy)
     })?;
     let window = Window::read(&input, images.shape())?;
     let images = ViewStack { values: window.oriented(images.values) };

@@ -23,6 +23,8 @@ pub(crate) struct Input {
     path: PathBuf,
     /// Units that replace those of the file, by the name of the variable.
     units: BTreeMap<String, String>,
+    /// The names of the axes of variables with three axes without names.
+    axes: Option<[String; 3]>,
     /// Size of the file (bytes).
     bytes: f64,
     container: Container,
@@ -37,6 +39,8 @@ pub(crate) struct Variable<'a> {
     pub(crate) shape: Vec<usize>,
     /// The name of the dimension along each axis, where the file specifies it.
     dimensions: Vec<Option<String>>,
+    /// Whether the names of the dimensions are those of [`Input::with_axes`].
+    pub(crate) has_stated_axes: bool,
     stored: Stored<'a>,
 }
 
@@ -54,7 +58,7 @@ impl Input {
         let bytes = std::fs::metadata(path).map_err(Error::io(path))?.len() as f64;
         let _reading = Reading::start(path, bytes);
         let container = Container::open(path)?;
-        Ok(Self { path: path.into(), units: BTreeMap::new(), bytes, container })
+        Ok(Self { path: path.into(), units: BTreeMap::new(), axes: None, bytes, container })
     }
 
     /// The same file with units that replace those of its variables.
@@ -71,6 +75,11 @@ impl Input {
             }
         }
         Ok(Self { units: units.clone(), ..self })
+    }
+
+    /// The same file with names of the axes of variables that have three without names.
+    pub(crate) fn with_axes(self, axes: Option<[String; 3]>) -> Self {
+        Self { axes, ..self }
     }
 
     /// An error about a field of this file.
@@ -101,8 +110,21 @@ impl Input {
             }));
         };
         let name = name.trim_start_matches('/').to_owned();
-        let dimensions = self.container.dimensions(&name, stored);
-        Ok(Variable { input: self, shape: stored.shape(), dimensions, name, stored })
+        let mut dimensions = self.container.dimensions(&name, stored);
+        let is_bare = dimensions.len() == 3 && dimensions.iter().all(Option::is_none);
+        let stated = self.axes.as_ref().filter(|_| is_bare);
+        if let Some(axes) = stated {
+            dimensions = axes.iter().cloned().map(Some).collect();
+        }
+        let has_stated_axes = stated.is_some();
+        Ok(Variable {
+            input: self,
+            shape: stored.shape(),
+            dimensions,
+            has_stated_axes,
+            name,
+            stored,
+        })
     }
 
     /// An error about a variable that the file has, but that cannot be opened.
@@ -163,8 +185,10 @@ impl Input {
         match values.iter().find(|value| value.to_bits() != values[0].to_bits()) {
             None => Ok(values[0]),
             Some(other) => {
-                let problem = format!("is {} and {other}", values[0]);
-                Err(variable.error(problem, "write one number that applies to all views"))
+                let problem = format!("is {} for one view and {other} for another", values[0]);
+                let remedy = "one value applies to all views: write their mean if they hardly differ, or \
+                              use the images with the same one";
+                Err(variable.error(problem, remedy))
             }
         }
     }
@@ -344,8 +368,8 @@ impl Variable<'_> {
     }
 
     /// The values within a range of each axis as real numbers, unpacked according to CF and
-    /// multiplied by `factor`. Values that the file declares as missing are replaced by `missing`;
-    /// those outside the valid range are NaN.
+    /// multiplied by `factor`. Values that the file declares as missing, or that are outside its valid
+    /// range, are replaced by `missing`.
     ///
     /// # Errors
     /// Returns an error if the values are neither real numbers nor packed real numbers, if there
@@ -368,7 +392,9 @@ impl Variable<'_> {
                 values.mapv_inplace(|stored| value(stored.to_f64()));
                 Ok(values)
             }
-            Kind::Signed(_) | Kind::Unsigned(_) if coding.packing.is_none() && !self.is_axis() => {
+            Kind::Signed(_) | Kind::Unsigned(_)
+                if coding.packing.is_none() && !self.is_axis() && !self.is_scaled_by_unit() =>
+            {
                 Err(self.wrong_kind(&kind, "real numbers"))
             }
             Kind::Float(_) | Kind::Signed(_) | Kind::Unsigned(_) => {
@@ -376,6 +402,12 @@ impl Variable<'_> {
             }
             _ => Err(self.wrong_kind(&kind, "real numbers")),
         }
+    }
+
+    /// Whether the unit contains the factor of packed values.
+    fn is_scaled_by_unit(&self) -> bool {
+        let unit = self.unit_text().as_deref().and_then(Unit::parse);
+        unit.is_some_and(|unit| unit.has_number())
     }
 
     /// Whether this is the coordinate of a dimension, which may consist of integers.
@@ -449,7 +481,8 @@ impl Variable<'_> {
         };
         self.error(
             format!("has values of type {found}, but {expected} are expected"),
-            "write it with this type (integers represent real numbers only with scale_factor)",
+            "write it with this type (integers represent real numbers only with scale_factor, or with the \
+             factor in their units)",
         )
     }
 

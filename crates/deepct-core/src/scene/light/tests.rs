@@ -41,6 +41,8 @@ fn values_out_of_range_and_unknown_keys_are_refused() {
         "optics.single_scattering_albedo = 2.0",
         "optics.effective_radius = 500.0",
         "optics.phase = \"rayleigh\"",
+        "optics.bandwidth = 0.02",
+        "optics.effective_variance = 0.05",
         "sun_zenit_deg = 3.0",
     ] {
         assert!(toml::from_str::<Light>(text).is_err(), "{text}");

@@ -127,6 +127,24 @@ fn derivatives_are_central_differences() {
     }
 }
 
+/// Compares the mean of each image with that of the Monte Carlo solver.
+fn check_means(images: &ViewStack, scene: &Scene, views: &[View], samples: u32, case: &str) {
+    let settings = MonteCarloSettings { samples_per_pixel: samples, ..Default::default() };
+    let truth = render(scene, views, &Solver::MonteCarlo(settings), &()).unwrap();
+    let errors = truth.standard_error.as_ref().unwrap();
+    for view in 0..views.len() {
+        let mean = |stack: &ViewStack| f64::from(stack.image(view).mean().unwrap());
+        let error = errors.image(view);
+        let squares: f64 = error.iter().map(|e| f64::from(e * e)).sum();
+        let noise = squares.sqrt() / error.len() as f64;
+        let (found, expected) = (mean(images), mean(&truth.images));
+        assert!(
+            (found - expected).abs() < 0.01 * expected + 3.0 * noise,
+            "{case}, view {view}: {found} {expected} +- {noise}"
+        );
+    }
+}
+
 /// Comparison of the view means with those of the Monte Carlo solver, for the cloud alone, above a
 /// bright surface, and in a molecular atmosphere. Such a small, non-uniform cloud requires fine
 /// angles, cells and rays.
@@ -153,19 +171,8 @@ fn images_are_those_of_random_paths() {
         };
         let mut model = OrdinatesModel::new(&scene, &views, None, &settings).unwrap();
         let images = model.images(&extinction).unwrap();
-        let settings = MonteCarloSettings { samples_per_pixel: 8000, ..Default::default() };
-        let truth = render(&scene, &views, &Solver::MonteCarlo(settings), &()).unwrap();
-        for view in 0..views.len() {
-            let mean = |stack: &ViewStack| f64::from(stack.image(view).mean().unwrap());
-            let error = truth.standard_error.as_ref().unwrap().image(view);
-            let squares: f64 = error.iter().map(|e| f64::from(e * e)).sum();
-            let noise = squares.sqrt() / error.len() as f64;
-            let (found, expected) = (mean(&images), mean(&truth.images));
-            assert!(
-                (found - expected).abs() < 0.01 * expected + 3.0 * noise,
-                "{boundary:?} {surface:?} {air:?}, view {view}: {found} {expected} +- {noise}"
-            );
-        }
+        let case = format!("{boundary:?} {surface:?} {air:?}");
+        check_means(&images, &scene, &views, 8000, &case);
     }
 }
 
@@ -200,19 +207,7 @@ fn cameras_may_look_up_and_stand_inside_the_scene() {
     let images = OrdinatesModel::new(&scene, &views, None, &settings)
         .and_then(|mut model| model.images(&extinction))
         .unwrap();
-    let settings = MonteCarloSettings { samples_per_pixel: 10_000, ..Default::default() };
-    let truth = render(&scene, &views, &Solver::MonteCarlo(settings), &()).unwrap();
-    for view in 0..views.len() {
-        let mean = |stack: &ViewStack| f64::from(stack.image(view).mean().unwrap());
-        let error = truth.standard_error.as_ref().unwrap().image(view);
-        let squares: f64 = error.iter().map(|e| f64::from(e * e)).sum();
-        let noise = squares.sqrt() / error.len() as f64;
-        let (found, expected) = (mean(&images), mean(&truth.images));
-        assert!(
-            (found - expected).abs() < 0.01 * expected + 3.0 * noise,
-            "view {view}: {found} {expected} +- {noise}"
-        );
-    }
+    check_means(&images, &scene, &views, 10_000, "cameras");
     let towards_sun = View::perspective(below, below + 0.2 * scene.sun.towards(), 0.05, [8, 8]);
     let problem = OrdinatesModel::new(&scene, &[towards_sun.unwrap()], None, &Default::default());
     assert!(problem.err().unwrap().to_string().contains("aureole"));
