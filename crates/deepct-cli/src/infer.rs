@@ -106,7 +106,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
         configuration: toml::to_string(&resolved).expect("plain numbers and text"),
         seed: global.seed,
     };
-    write_estimate(&args.out, &estimate, &observation, &provenance)?;
+    write_estimate(&args.out, &estimate, Some(&observation), &provenance)?;
     if !global.quiet {
         let Volume { grid, values } = &estimate.extinction;
         let [levels, rows, cols] = grid.shape;

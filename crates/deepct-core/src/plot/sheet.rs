@@ -3,7 +3,7 @@
 use super::page::{Anchor, Frame, LABEL, Page, TICK, TITLE};
 use super::panel::{ColourBar, ColourScale, draw_map};
 use crate::error::{Error, Result};
-use crate::image::ViewStack;
+use crate::image::{ViewGeometry, ViewStack};
 use std::path::Path;
 
 /// Minimum length of the longer side of an image on the page (pixels). Smaller images are enlarged
@@ -69,6 +69,17 @@ pub fn contact_sheet(
     };
     ColourBar::linear(scale, "radiance (sr\u{207b}\u{b9})", bar.height).draw(&mut page, bar);
     page.write(path.as_ref())
+}
+
+/// Labels for [`contact_sheet`] with the viewing direction and the pixel size of each image.
+pub fn view_labels(geometry: &ViewGeometry) -> Vec<String> {
+    let directions = geometry.view_zenith_deg.iter().zip(&geometry.view_azimuth_deg);
+    directions
+        .zip(&geometry.pixel_km)
+        .map(|((zenith, azimuth), pixel)| {
+            format!("zenith {zenith:.1}°\nazimuth {azimuth:.0}°, {:.0} m", 1000.0 * pixel)
+        })
+        .collect()
 }
 
 /// Draw the lines of a label above a point.

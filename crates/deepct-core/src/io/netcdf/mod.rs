@@ -4,6 +4,7 @@ mod axis;
 mod classic;
 mod coding;
 mod container;
+mod content;
 mod creation;
 mod dimension;
 mod field;
@@ -19,6 +20,7 @@ mod sources;
 mod write;
 
 pub(crate) use axis::{bounds, coordinates, coordinates_at, edge_and_spacing, first_and_spacing};
+pub use content::{Content, read_content, read_extinction};
 pub use field::{
     read_cloud, read_estimate, read_grid, read_implausible_cloud, read_mask, read_volume,
     write_cloud, write_estimate, write_mask, write_volume,
