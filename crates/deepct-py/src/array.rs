@@ -39,6 +39,15 @@ pub(crate) fn images(object: &Bound<'_, PyAny>, name: &str) -> PyResult<Array3<f
     numbers(&Argument::new(object, name, IMAGES)?, name)
 }
 
+/// The values of a stack of images in the unit of a solar irradiance that is not 1, which numbers do not
+/// state.
+///
+/// # Errors
+/// As [`images`], except for the units.
+pub(crate) fn images_in_any_unit(object: &Bound<'_, PyAny>, name: &str) -> PyResult<Array3<f32>> {
+    reals(&Argument::new(object, name, IMAGES)?, name, 1.0)
+}
+
 /// Marks of the pixels of a stack of images: booleans, or the numbers 0 and 1.
 ///
 /// # Errors
@@ -185,8 +194,11 @@ impl<'py> Argument<'py> {
 }
 
 fn numbers(argument: &Argument<'_>, name: &str) -> PyResult<Array3<f32>> {
+    reals(argument, name, unit_factor_of(&argument.values, name)?)
+}
+
+fn reals(argument: &Argument<'_>, name: &str, factor: f64) -> PyResult<Array3<f32>> {
     let array = argument.array(name, "fiu", "real numbers")?;
-    let factor = unit_factor_of(&argument.values, name)?;
     let array = if factor == 1.0 { array } else { array.mul(factor)? };
     let array = array.call_method1("astype", ("float32", "C", "unsafe", true, false))?;
     Ok(array.cast_into::<PyArray3<f32>>()?.try_readonly()?.as_array().to_owned())
@@ -216,7 +228,8 @@ fn unit_factor_of(object: &Bound<'_, PyAny>, name: &str) -> PyResult<f64> {
     if is_plain && matches!(stated.trim(), "" | "1") {
         return Ok(1.0);
     }
-    unit_factor(stated.trim(), unit).ok_or_else(|| {
+    // Some programs write a space before a power.
+    unit_factor(&stated.trim().replace(" -", "-"), unit).ok_or_else(|| {
         PyValueError::new_err(format!(
             "{name} has the units \"{stated}\", but {unit} is expected: convert the values and give \
              them as numbers, or with these units"

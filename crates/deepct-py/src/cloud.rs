@@ -20,7 +20,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use serde::de::DeserializeOwned;
 use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// A cloud or a field of clouds on a grid, given by its droplets, its extinction or both.
 ///
@@ -251,8 +251,8 @@ pub(crate) fn read_cloud(
 ///
 /// Parameters
 /// ----------
-/// path : str or path
-///     The file.
+/// path : str, path or xarray.Dataset
+///     The file, or its contents.
 /// time : int
 ///     Index of the time step.
 /// crop : (int, int, int, int), optional
@@ -301,8 +301,7 @@ pub(crate) fn read_cloud(
 // In Python these are keyword arguments with defaults.
 #[allow(clippy::too_many_arguments)]
 pub(crate) fn import_cloud(
-    py: Python<'_>,
-    path: PathBuf,
+    path: &Bound<'_, PyAny>,
     time: Option<&Bound<'_, PyAny>>,
     crop: Option<&Bound<'_, PyAny>>,
     droplets: Option<f64>,
@@ -334,7 +333,12 @@ pub(crate) fn import_cloud(
         units,
         allow_implausible,
     };
-    let (cloud, report) = quickly(py, || io::import::import_cloud(&path, &settings))?;
+    let py = path.py();
+    let import = |path: &Path| quickly(py, || io::import::import_cloud(path, &settings));
+    let (cloud, report) = match path.hasattr("data_vars")? {
+        true => through_file(path, import)?,
+        false => import(&path.extract::<PathBuf>()?)?,
+    };
     for warning in report.warnings {
         warn(py, &warning)?;
     }

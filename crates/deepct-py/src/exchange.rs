@@ -6,7 +6,7 @@ use deepct_core::Result;
 use deepct_core::io::Provenance;
 use pyo3::exceptions::PyOSError;
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
+use pyo3::types::{PyDict, PyEllipsis, PyString, PyTuple};
 use std::path::Path;
 
 /// What a file written by this module records about itself.
@@ -27,18 +27,27 @@ pub(crate) fn dataset<'py>(
     xarray.call_method1("load_dataset", (path,))?.call_method0("drop_encoding")
 }
 
-/// What `read` reads from a file with the contents of an xarray object. Arrays without a name have
-/// the given one.
+/// The dimensions of all files, in the order that their variables have.
+const ORDER: [&str; 8] = ["time", "view", "z", "row", "y", "col", "x", "component"];
+
+/// What `read` reads from a file with the contents of a data set of xarray, whose axes are put in order.
 pub(crate) fn through_file<T>(
     dataset: &Bound<'_, PyAny>,
     read: impl FnOnce(&Path) -> PyResult<T>,
 ) -> PyResult<T> {
     let folder = temporary()?;
     let path = folder.path().join("data.nc");
-    let options = PyDict::new(dataset.py());
+    let py = dataset.py();
+    let names = ORDER.map(|name| PyString::new(py, name).into_any());
+    let order: Vec<_> =
+        names.into_iter().chain([PyEllipsis::get(py).to_owned().into_any()]).collect();
+    let options = PyDict::new(py);
+    options.set_item("missing_dims", "ignore")?;
+    let dataset = dataset.call_method("transpose", PyTuple::new(py, order)?, Some(&options))?;
+    let options = PyDict::new(py);
     options.set_item("format", "NETCDF4")?;
     dataset.call_method("to_netcdf", (&path,), Some(&options))?;
-    read(&path).map_err(|problem| without_path(dataset.py(), problem, &path))
+    read(&path).map_err(|problem| without_path(py, problem, &path))
 }
 
 /// The exception with "the data set" in the place of the name of a temporary file.

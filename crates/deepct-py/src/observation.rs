@@ -1,6 +1,6 @@
 //! `Observation`: images with their views and scene illumination, and images as arguments.
 
-use crate::array::{copied, give, images, marks};
+use crate::array::{copied, give, images, images_in_any_unit, marks};
 use crate::error::raise;
 use crate::exchange::{dataset, provenance, through_file, write};
 use crate::light::Light;
@@ -23,7 +23,7 @@ use std::path::{Path, PathBuf};
 /// Parameters
 /// ----------
 /// radiance : array, [view, row, col]
-///     Images (1/sr).
+///     Images (1/sr, or the unit of the solar irradiance of the light per steradian).
 /// views : Views or sequence of View
 ///     The camera of each image.
 /// light : Light, optional
@@ -215,13 +215,15 @@ pub(crate) fn observation(
         }
         return own.map_or_else(|_| from_dataset(radiance), |own| own.get().core(py));
     }
-    let stack = ViewStack::new(images(radiance, "radiance")?).map_err(raise)?;
+    let is_relative = given.light.as_ref().is_none_or(|light| light.core.sun.irradiance == 1.0);
+    let values = if is_relative { images } else { images_in_any_unit };
+    let stack = ViewStack::new(values(radiance, "radiance")?).map_err(raise)?;
     let views = given.views.ok_or_else(|| {
         PyTypeError::new_err("views is missing: give the camera of each image, or an Observation")
     })?;
     let light = given.light.map_or_else(|| default_light(&stack), Ok)?;
     let errors =
-        given.standard_error.map(|errors| images(&errors, "standard_error")).transpose()?;
+        given.standard_error.map(|errors| values(&errors, "standard_error")).transpose()?;
     let marks = given.saturated.map(|pixels| marks(&pixels, "saturated")).transpose()?;
     assembled(stack.values, views.0, light, errors, marks).map_err(raise)
 }

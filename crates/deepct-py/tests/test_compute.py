@@ -132,6 +132,14 @@ def test_units_of_arrays_are_those_of_the_argument(scene):
     for units in ("g m-3", "sr-1", "apples"):
         with pytest.raises(ValueError, match=f'has the units "{units}", but km-1 is expected'):
             deepct.render(own.assign_attrs(units=units), GRID, views, samples=2)
+    images = xarray.DataArray(
+        np.full((10, 16, 16), 300.0), dims=("view", "row", "col"),
+        attrs={"units": "W m-2 sr-1 um-1"},
+    )
+    with pytest.raises(ValueError, match='has the units "W m-2 sr-1 um-1", but sr-1'):
+        deepct.Observation(images, views)
+    stated = deepct.Observation(images, views, deepct.Light(solar_irradiance=1530.0))
+    assert stated.radiance.max() == 300.0
     downwards = own.assign_coords(z=-np.arange(float(len(extinction))))
     assert deepct.score(downwards, extinction[::-1]).relative_error == 0.0
     shuffled = own.assign_coords(z=np.arange(float(len(extinction))) % 5)

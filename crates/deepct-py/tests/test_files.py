@@ -128,6 +128,11 @@ def test_data_sets_become_objects(results, images):
     assert deepct_py.Views.from_dataset(dataset) == images.views
     assert deepct_py.Light.from_dataset(dataset) == images.light
     assert deepct_py.Cloud.from_dataset(results["cloud"].to_xarray()) == results["cloud"]
+    # Axes are found by their names.
+    turned = dataset.transpose("col", "component", "row", "view")
+    assert deepct_py.Observation.from_dataset(turned) == found
+    turned = results["estimate"].to_xarray().transpose("x", "bnds", "z", "y")
+    assert deepct_py.Estimate.from_dataset(turned) == results["estimate"]
     assert deepct_py.Estimate.from_dataset(results["estimate"].to_xarray()) == results["estimate"]
     mask = deepct_py.Carved.from_dataset(results["mask"].to_xarray())
     np.testing.assert_array_equal(mask.mask, results["mask"].mask)
@@ -184,6 +189,9 @@ def test_a_simulation_is_imported_as_by_the_command_line(tmp_path, command_line,
     command_line("cloud", "import", path, "--spacing", "file", "--droplets", 80, "--base", 0,
                  "--out", tmp_path / "cloud.nc")
     assert deepct_py.read_cloud(tmp_path / "cloud.nc") == cloud
+    with xarray.open_dataset(path) as dataset, pytest.warns(UserWarning, match="density"):
+        turned = dataset.transpose("x", "y", "z", "time")
+        assert deepct_py.import_cloud(turned, spacing="file", droplets=80, base=0.0) == cloud
     constant = deepct_py.import_cloud(path, spacing=(0.05, 0.05, 0.04), air_density=1.0)
     np.testing.assert_allclose(constant.liquid_water_content, 1e3 * water[0], rtol=1e-6)
     # The unit of the argument replaces that of the file.

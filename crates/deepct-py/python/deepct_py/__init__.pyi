@@ -120,7 +120,7 @@ def generate_cloud(
 ) -> Cloud: ...
 def read_cloud(path: _Path, *, allow_implausible: bool = False) -> Cloud: ...
 def import_cloud(
-    path: _Path,
+    path: Union[_Path, Any],
     *,
     time: int = 0,
     crop: Optional[_Numbers] = None,
