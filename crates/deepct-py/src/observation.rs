@@ -209,8 +209,7 @@ pub(crate) fn observation(
         ];
         if let Some((name, _)) = twice.into_iter().find(|(_, is_given)| *is_given) {
             return Err(PyValueError::new_err(format!(
-                "{name} is given twice, as the images have it already: omit the argument, or use \
-                 images.replace({name}=...)"
+                "{name} belongs to the images: omit the argument, or use images.replace({name}=...)"
             )));
         }
         return own.map_or_else(|_| from_dataset(radiance), |own| own.get().core(py));

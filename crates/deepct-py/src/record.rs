@@ -82,7 +82,7 @@ pub(crate) fn equal<T: Record>(
     other: &Bound<'_, PyAny>,
 ) -> PyResult<Py<PyAny>> {
     let py = one.py();
-    let other = match other.cast_exact::<T>() {
+    let other = match other.cast::<T>() {
         Ok(other) if other.as_any().get_type().is(one.as_any().get_type()) => other,
         _ => return Ok(py.NotImplemented()),
     };
@@ -109,20 +109,28 @@ fn same_values(one: &Bound<'_, PyAny>, other: &Bound<'_, PyAny>) -> PyResult<boo
 }
 
 /// A hash that is the same for equal objects. Arrays, whose values can be changed, contribute their
-/// shape only.
+/// shape only, and lists of dicts nothing.
 pub(crate) fn hash<T: Record>(of: &Bound<'_, T>) -> PyResult<isize> {
     let mut parts = vec![of.as_any().get_type().into_any()];
     for (name, value) in T::arguments(of)? {
+        if value.cast::<PyList>().is_ok_and(has_dicts) {
+            continue;
+        }
         parts.push(name);
         parts.push(if let Ok(array) = value.cast::<PyUntypedArray>() {
             PyTuple::new(of.py(), array.shape())?.into_any()
-        } else if value.is_instance_of::<PyList>() || value.is_instance_of::<PyDict>() {
-            value.len()?.into_pyobject(of.py())?.into_any()
+        } else if let Ok(list) = value.cast::<PyList>() {
+            list.to_tuple().into_any()
         } else {
             value
         });
     }
     PyTuple::new(of.py(), parts)?.hash()
+}
+
+/// Whether a list has dicts, as the history of an inversion.
+fn has_dicts(list: &Bound<'_, PyList>) -> bool {
+    list.iter().any(|item| item.is_instance_of::<PyDict>())
 }
 
 /// The object as the call that makes it, in which arrays are summarised.
@@ -177,7 +185,7 @@ fn summary(value: &Bound<'_, PyAny>) -> PyResult<String> {
         return Ok(format!("<{} bytes>", bytes.as_bytes().len()));
     }
     let Ok(list) = value.cast::<PyList>() else { return Ok(value.repr()?.to_string()) };
-    if list.iter().any(|item| item.is_instance_of::<PyDict>()) || list.is_empty() {
+    if has_dicts(list) || list.is_empty() {
         return Ok(format!("<list of {}>", list.len()));
     }
     let mut items = Vec::new();

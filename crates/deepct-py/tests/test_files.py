@@ -102,7 +102,7 @@ def test_images_need_no_further_arguments(results, cloud, images, tmp_path):
     same = deepct_py.carve(images.radiance, images.views, cloud.grid, **arguments)
     assert carved == same
     for name in ("views", "light", "standard_error", "saturated"):
-        with pytest.raises(ValueError, match=f"{name} is given twice"):
+        with pytest.raises(ValueError, match=f"{name} belongs to the images"):
             deepct_py.invert(stored, grid=cloud.grid, **{name: getattr(images, name)})
     with pytest.raises(TypeError, match="views is missing"):
         network.infer(images.radiance)

@@ -78,6 +78,22 @@ def test_a_deep_copy_has_arrays_of_its_own(objects):
     assert other != cloud
 
 
+def test_objects_are_keys(objects):
+    table = {one: name for name, (one, _) in enumerate(objects)}
+    for name, (one, other) in enumerate(objects):
+        assert table[copy.copy(one)] == name and other not in table
+    views = Views.load("cloudct-10", (0, 0, 1))
+    assert len({hash(views[:count]) for count in range(1, 11)}) == 10
+
+
+def test_a_subclass_is_a_class_of_its_own(views):
+    class Named(Observation):
+        pass
+
+    radiance = np.full((10, 16, 16), 0.1)
+    assert Named(radiance, views) == Named(radiance, views) != Observation(radiance, views)
+
+
 def test_objects_are_shown(objects):
     for one, _ in objects:
         name = type(one).__name__
@@ -205,6 +221,7 @@ def test_progress_is_reported(grid, extinction, views, capfd):
     deepct_py.invert(images, progress=True, **options)
     error = capfd.readouterr().err
     assert error.startswith("\rstep 0, blocks of 1, misfit") and error.endswith("\n")
+    assert "step 2" in error.splitlines()[-1]
 
     def stop(status):
         raise RuntimeError("enough")

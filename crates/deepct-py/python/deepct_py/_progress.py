@@ -2,7 +2,7 @@
 
 import sys
 import time
-from typing import Any
+from typing import Any, Optional
 
 
 class Line:
@@ -13,21 +13,24 @@ class Line:
     def __init__(self) -> None:
         self._shown_s = 0.0
         self._length = 0
+        self._latest: Optional[dict[str, Any]] = None
 
     def __call__(self, status: dict[str, Any]) -> None:
+        self._latest = status
         now = time.monotonic()
-        if now - self._shown_s < self._INTERVAL_S:
-            return
-        self._shown_s = now
-        self._show(_text(status))
+        if now - self._shown_s >= self._INTERVAL_S:
+            self._shown_s = now
+            self._show(status)
 
-    def _show(self, text: str) -> None:
+    def _show(self, status: dict[str, Any]) -> None:
+        text = _text(status)
         print("\r" + text.ljust(self._length), end="", file=sys.stderr, flush=True)
         self._length = len(text)
 
     def close(self) -> None:
-        """End the line."""
-        if self._length:
+        """End the line with the last state."""
+        if self._latest is not None:
+            self._show(self._latest)
             print(file=sys.stderr, flush=True)
 
 
