@@ -38,7 +38,7 @@ def ball() -> tuple[np.ndarray, Grid]:
 def both(extinction, grid, view, light, samples=20_000, **arguments):
     """The images of both solvers and the standard error of the first."""
     paths = deepct_py.render(
-        extinction, grid, [view], light, samples_per_pixel=samples, **arguments)
+        extinction, grid, [view], light, samples=samples, **arguments)
     ordinates = deepct_py.render(
         extinction, grid, [view], light, solver="ordinates", accuracy=0.003, **arguments)
     images = [np.asarray(r.radiance[0], np.float64) for r in (paths, ordinates)]

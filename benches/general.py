@@ -210,8 +210,9 @@ class Bench:
                 return row
         images = self.images(cloud, situation, solver)
         views = situation.views(cloud.grid.center, cloud.grid.shape[1:])
-        estimate, uncertainty = self.networks[name].estimate(
+        answer = self.networks[name].estimate(
             images, views, self.light(situation), grid=cloud.grid)
+        estimate, uncertainty = answer.extinction, answer.uncertainty
         mask = deepct.carve(images, views, cloud.grid).mask
         whole = deepct.score(cloud.extinction, estimate)
         carved = deepct.score(cloud.extinction, estimate * mask)

@@ -87,7 +87,7 @@ def draw_glory(arguments: argparse.Namespace) -> None:
         deepct_py.View.orthographic(30.0 + angle, 45.0, (0.5, 0.5, 0.4), 1e-3, size=(1, 1))
         for angle in angles
     ]
-    paths = deepct_py.render(extinction, grid, views, light, samples_per_pixel=arguments.paths)
+    paths = deepct_py.render(extinction, grid, views, light, samples=arguments.paths)
     smooth = deepct_py.render(extinction, grid, views, light, solver="ordinates")
     expected, found = paths.radiance[:, 0, 0], smooth.radiance[:, 0, 0]
     error = paths.standard_error[:, 0, 0]

@@ -61,7 +61,7 @@ pub fn images() -> Vec<u8> {
 pub fn estimate() -> Vec<u8> {
     let volume = |scale| Volume::new(grid(), field(scale)).unwrap();
     let estimate = Estimate { extinction: volume(1.0), uncertainty: Some(volume(0.3)) };
-    written(|path| io::write_estimate(path, &estimate, &observation(), &provenance()))
+    written(|path| io::write_estimate(path, &estimate, Some(&observation()), &provenance()))
 }
 
 /// A mask.

@@ -49,9 +49,10 @@ def expected_and_found(path, scenes):
     pairs = []
     for extinction in scenes:
         images = np.repeat(0.02 + 0.0005 * extinction.sum(0)[None], 10, 0).astype(np.float32)
-        estimate, uncertainty = network.estimate(images, views, deepct_py.Light(), grid=grid)
+        answer = network.estimate(images, views, deepct_py.Light(), grid=grid)
+        estimate = answer.extinction
         found = np.abs(estimate - extinction).sum()
-        pairs.append((uncertainty.sum() / estimate.sum(), found / estimate.sum()))
+        pairs.append((answer.uncertainty.sum() / estimate.sum(), found / estimate.sum()))
     return np.mean(pairs, axis=0)
 
 

@@ -6,7 +6,6 @@
 
 use crate::global::Global;
 use crate::outcome::Outcome;
-use crate::plot::labels;
 use crate::progress::RenderProgress;
 use deepct_core::carve::{CarveSettings, carve};
 use deepct_core::cloud::{Cloud, CumulusSettings, cumulus};
@@ -14,7 +13,7 @@ use deepct_core::grid::{Mask, Volume};
 use deepct_core::io::{self, Provenance};
 use deepct_core::metrics::{Scores, score};
 use deepct_core::network::Network;
-use deepct_core::plot::{contact_sheet, volume_figure};
+use deepct_core::plot::{contact_sheet, view_labels, volume_figure};
 use deepct_core::scene::{Formation, Light, Observation, Scene};
 use deepct_core::sensor::{Scale, Sensor, expose};
 use deepct_core::transport::{OrdinatesSettings, Solver, render};
@@ -112,7 +111,13 @@ impl Results {
         io::write_mask(at("mask.nc"), &self.mask, &provenance("Space-carving mask"))?;
         io::write_volume(at("estimate.nc"), &self.estimate, &provenance("Network estimate"))?;
         let title = "Images of the ten views";
-        contact_sheet(at("images.png"), &self.noisy.images, &labels(&self.noisy), &[], title)?;
+        contact_sheet(
+            at("images.png"),
+            &self.noisy.images,
+            &view_labels(&self.noisy.geometry()),
+            &[],
+            title,
+        )?;
         let title = "Cumulus reconstructed from ten noisy views";
         volume_figure(at("cloud.png"), &self.estimate, Some(&self.truth), title)
     }

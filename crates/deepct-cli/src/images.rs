@@ -1,13 +1,12 @@
 //! `deepct images check`: what a file of images means to deepct.
 
 use crate::outcome::Outcome;
-use crate::plot::labels;
 use deepct_core::carve::cloud_threshold;
 use deepct_core::files::check_output;
 use deepct_core::io::{GENERAL_WEIGHTS, load_trained_weights, read_observation};
 use deepct_core::math::{DVec3, Ray};
 use deepct_core::network::Estimator;
-use deepct_core::plot::contact_sheet;
+use deepct_core::plot::{contact_sheet, view_labels};
 use deepct_core::scene::{Meeting, Observation, View};
 use deepct_core::{Error, Result};
 use serde::Serialize;
@@ -61,7 +60,13 @@ pub(crate) fn run(args: &Args) -> Result<Outcome> {
         let mark = |view: &View| point.and_then(|point| view.project(point));
         let marks: Vec<_> = observation.views.iter().map(mark).collect();
         let title = args.images.display().to_string();
-        contact_sheet(png, &observation.images, &labels(&observation), &marks, &title)?;
+        contact_sheet(
+            png,
+            &observation.images,
+            &view_labels(&observation.geometry()),
+            &marks,
+            &title,
+        )?;
     }
     Ok(Outcome::Success)
 }

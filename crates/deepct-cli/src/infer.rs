@@ -138,7 +138,7 @@ impl Run<'_> {
             configuration: toml::to_string(&resolved).expect("plain numbers and text"),
             seed: self.global.seed,
         };
-        write_estimate(out, &estimated, &observation, &provenance)?;
+        write_estimate(out, &estimated, Some(&observation), &provenance)?;
         let Volume { grid, values } = &estimated.extinction;
         Ok(Summary {
             images: images.into(),

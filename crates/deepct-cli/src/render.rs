@@ -8,7 +8,7 @@ use deepct_core::files::check_output;
 use deepct_core::io::{
     Provenance, read_cloud, read_implausible_cloud, write_exr, write_observation,
 };
-use deepct_core::plot::contact_sheet;
+use deepct_core::plot::{contact_sheet, view_labels};
 use deepct_core::scene::{Light, Observation, Scene, VIEW_FILE_HELP, View, ViewList};
 use deepct_core::transport::{
     FluxSettings, Fluxes, MonteCarloSettings, OrdinatesSettings, Rendering, Solver, fluxes, render,
@@ -213,7 +213,7 @@ impl Args {
         }
         if let Some(path) = &self.png {
             let title = out.file_stem().unwrap_or_default().to_string_lossy();
-            let labels = crate::plot::labels(&observation);
+            let labels = view_labels(&observation.geometry());
             contact_sheet(name(path), &observation.images, &labels, &[], &title)?;
         }
         for warning in &warnings {

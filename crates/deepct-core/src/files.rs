@@ -175,7 +175,7 @@ pub fn check_output(path: &Path) -> Result<()> {
 /// # Errors
 /// A file that cannot be written.
 #[cfg(any(feature = "files", feature = "plot"))]
-pub(crate) fn write(path: &Path, contents: impl AsRef<[u8]>) -> Result<()> {
+pub fn write(path: &Path, contents: impl AsRef<[u8]>) -> Result<()> {
     let output = Output::create(path)?;
     std::fs::write(output.temporary(), contents).map_err(Error::io(path))?;
     output.finish()

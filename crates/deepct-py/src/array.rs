@@ -1,239 +1,374 @@
-//! Conversion of array arguments and results: NumPy arrays, and objects that NumPy can convert to
-//! an array, such as xarray's `DataArray`.
+//! Conversion of array arguments and results: NumPy arrays, objects that NumPy can convert to an
+//! array, xarray objects, and objects of this module that contain the array.
 
-use deepct_core::grid::Grid;
-use numpy::ndarray::{Array3, ArrayView3};
-use numpy::{IntoPyArray, PyArray3, PyArrayMethods, PyReadonlyArray3};
+use crate::grid::Grid;
+use deepct_core::grid;
+use deepct_core::io::unit_factor;
+use deepct_core::math::DVec3;
+use numpy::ndarray::Array3;
+use numpy::{IntoPyArray, PyArray3, PyArrayMethods};
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
-use pyo3::types::{PyList, PyTuple};
+use pyo3::types::{PyDict, PyList, PyTuple};
 
 /// The axes of a volume.
-pub(crate) const VOLUME: [&str; 3] = ["z", "y", "x"];
+const VOLUME: [&str; 3] = ["z", "y", "x"];
 /// The axes of a stack of images.
-pub(crate) const IMAGES: [&str; 3] = ["view", "row", "col"];
+const IMAGES: [&str; 3] = ["view", "row", "col"];
 
-/// The units of the arguments with the given names, by their usual spellings, the first of which is
-/// named in messages.
-const UNITS: [(&[&str], &[&str]); 3] = [
-    (
-        &["extinction", "start", "truth", "estimate", "uncertainty"],
-        &["km-1", "1/km", "km^-1", "km**-1", "1 / kilometer", "km -1"],
-    ),
-    (&["radiance", "standard_error"], &["sr-1", "1/sr", "sr^-1", "sr**-1", "1 / sr", "1", ""]),
-    (
-        &["effective_radius"],
-        &["um", "\u{b5}m", "\u{3bc}m", "micron", "microns", "micrometer", "micrometre"],
-    ),
-];
+/// Tolerance of coordinates relative to their spacing: that of single precision.
+const TOLERANCE: f64 = 1e-3;
 
-/// Largest difference between equal coordinates, relative to their spacing.
-const ROUNDING: f64 = 0.05;
-
-/// A three-dimensional array of 32-bit floats owned by Python. An argument that already is a
-/// C-contiguous array of this type is not copied.
-pub(crate) struct Floats<'py>(PyReadonlyArray3<'py, f32>);
-
-impl<'py> Floats<'py> {
-    /// Convert `object`, whose axes must be `axes`.
-    ///
-    /// # Errors
-    /// `TypeError` if `object` does not hold real numbers; `ValueError` if it does not have three
-    /// axes, or if it is an xarray object with these axes in another order.
-    pub(crate) fn new(object: &Bound<'py, PyAny>, name: &str, axes: [&str; 3]) -> PyResult<Self> {
-        let array = numbers(object, name, axes, "fiu")?;
-        let array = array.call_method1("astype", ("float32", "C", "unsafe", true, false))?;
-        Ok(Self(array.cast_into::<PyArray3<f32>>()?.try_readonly()?))
-    }
-
-    /// A view of the values, without a copy.
-    pub(crate) fn view(&self) -> ArrayView3<'_, f32> {
-        self.0.as_array()
-    }
-
-    /// A copy of the values, owned by the library.
-    pub(crate) fn to_owned(&self) -> Array3<f32> {
-        self.view().as_standard_layout().into_owned()
+/// The unit of an argument, and whether plain numbers may state that they have the unit 1.
+fn unit_of(name: &str) -> (&'static str, bool) {
+    match name {
+        "radiance" | "standard_error" => ("sr-1", true),
+        "effective_radius" => ("um", false),
+        "liquid_water_content" => ("g m-3", false),
+        "effective_variance" | "mask" | "saturated" => ("1", true),
+        _ => ("km-1", false),
     }
 }
 
-/// Convert `object`, whose axes must be `axes`, to an array of booleans. The values are copied.
+/// The values of a stack of images: real numbers.
 ///
 /// # Errors
-/// As [`Floats::new`], with booleans in place of real numbers.
-pub(crate) fn booleans(
-    object: &Bound<'_, PyAny>,
-    name: &str,
-    axes: [&str; 3],
-) -> PyResult<Array3<bool>> {
-    let array = numbers(object, name, axes, "b")?.cast_into::<PyArray3<bool>>()?;
-    Ok(array.try_readonly()?.as_array().as_standard_layout().into_owned())
+/// `TypeError` if `object` does not hold real numbers; `ValueError` if it does not have three axes, or
+/// has the units of another quantity.
+pub(crate) fn images(object: &Bound<'_, PyAny>, name: &str) -> PyResult<Array3<f32>> {
+    numbers(&Argument::new(object, name, IMAGES)?, name)
 }
 
-fn numbers<'py>(
-    object: &Bound<'py, PyAny>,
-    name: &str,
-    axes: [&str; 3],
-    kinds: &str,
-) -> PyResult<Bound<'py, PyAny>> {
-    check_names(object, name, axes)?;
-    check_units(object, name)?;
-    check_ascending(object, name, axes)?;
-    let masked = object.py().import("numpy")?.getattr("ma")?;
-    let is_masked = |object: &Bound<'_, PyAny>| -> PyResult<bool> {
-        masked.call_method1("is_masked", (object,))?.extract()
-    };
-    // NumPy also drops the masks of the parts of a list.
-    let parts = object.is_instance_of::<PyList>() || object.is_instance_of::<PyTuple>();
-    let mut any = is_masked(object)?;
-    if parts {
-        for part in object.try_iter()? {
-            any |= is_masked(&part?)?;
+/// The values of a stack of images in the unit of a solar irradiance that is not 1, which numbers do not
+/// state.
+///
+/// # Errors
+/// As [`images`], except for the units.
+pub(crate) fn images_in_any_unit(object: &Bound<'_, PyAny>, name: &str) -> PyResult<Array3<f32>> {
+    reals(&Argument::new(object, name, IMAGES)?, name, 1.0)
+}
+
+/// Marks of the pixels of a stack of images: booleans, or the numbers 0 and 1.
+///
+/// # Errors
+/// As [`images`]; `ValueError` if there are other numbers.
+pub(crate) fn marks(object: &Bound<'_, PyAny>, name: &str) -> PyResult<Array3<bool>> {
+    booleans(&Argument::new(object, name, IMAGES)?, name)
+}
+
+/// The values of a volume, and the grid on which they are if the argument states it.
+pub(crate) struct Placed<T> {
+    pub(crate) values: Array3<T>,
+    pub(crate) grid: Option<grid::Grid>,
+    name: String,
+}
+
+/// The values of a volume: real numbers.
+///
+/// # Errors
+/// As [`images`]; `ValueError` if its coordinates are not those of a grid.
+pub(crate) fn volume(object: &Bound<'_, PyAny>, name: &str) -> PyResult<Placed<f32>> {
+    let argument = Argument::new(object, name, VOLUME)?;
+    Ok(Placed { values: numbers(&argument, name)?, grid: argument.grid, name: name.to_owned() })
+}
+
+/// A mask of voxels: booleans, or the numbers 0 and 1.
+///
+/// # Errors
+/// As [`volume`]; `ValueError` if there are other numbers.
+pub(crate) fn mask(object: &Bound<'_, PyAny>, name: &str) -> PyResult<Placed<bool>> {
+    let argument = Argument::new(object, name, VOLUME)?;
+    Ok(Placed { values: booleans(&argument, name)?, grid: argument.grid, name: name.to_owned() })
+}
+
+impl<T> Placed<T> {
+    /// The grid of the values: the given one, or that which the argument states.
+    ///
+    /// # Errors
+    /// `ValueError` if the two contradict each other, or if there is none.
+    pub(crate) fn grid(&self, given: Option<grid::Grid>) -> PyResult<grid::Grid> {
+        let name = &self.name;
+        match (given, self.grid) {
+            (Some(given), Some(own)) if !given.matches(&own) => {
+                Err(PyValueError::new_err(format!(
+                    "{name} is on another grid than the one expected: its coordinates are those of \
+                     {}, but {} is expected",
+                    described(&own),
+                    described(&given)
+                )))
+            }
+            (Some(grid), _) | (None, Some(grid)) => Ok(grid),
+            (None, None) => Err(PyValueError::new_err(format!(
+                "grid is missing: give it, or {name} as an object with coordinates"
+            ))),
         }
     }
-    if any {
-        return Err(PyValueError::new_err(format!(
-            "{name} is a masked array with masked values, which would be read as if they were \
-             valid: fill them, for example with {name}.filled(0)"
-        )));
+
+    /// The values, which must be on the given grid if the argument states one.
+    ///
+    /// # Errors
+    /// As [`Placed::grid`].
+    pub(crate) fn on(self, grid: grid::Grid) -> PyResult<Array3<T>> {
+        self.grid(Some(grid))?;
+        Ok(self.values)
     }
-    let array = object.py().import("numpy")?.call_method1("asarray", (object,))?;
-    let dtype = array.getattr("dtype")?;
-    if !kinds.contains(&dtype.getattr("kind")?.extract::<String>()?) {
-        let wanted = if kinds == "b" { "booleans" } else { "real numbers" };
-        return Err(PyTypeError::new_err(format!(
-            "{name} is an array of {dtype}, not of {wanted}"
-        )));
-    }
-    let dimensions: usize = array.getattr("ndim")?.extract()?;
-    if dimensions != 3 {
-        return Err(PyValueError::new_err(format!(
-            "{name} has {dimensions} axes, but must have 3: [{}]",
-            axes.join(", ")
-        )));
-    }
-    Ok(array)
 }
 
-/// Refuse an object that states another unit than that of the argument: an xarray object by its
-/// attribute `units`, a quantity of pint or astropy by its unit.
-fn check_units(object: &Bound<'_, PyAny>, name: &str) -> PyResult<()> {
-    let Some((_, spellings)) = UNITS.iter().find(|(names, _)| names.contains(&name)) else {
-        return Ok(());
-    };
+fn described(grid: &grid::Grid) -> String {
+    let [nz, ny, nx] = grid.shape;
+    let (lower, upper) = (grid.lower(), grid.upper());
+    let along = |axis: usize| format!("{:.4} to {:.4}", lower[axis], upper[axis]);
+    format!("{nz} x {ny} x {nx} voxels with z {}, y {}, x {} km", along(2), along(1), along(0))
+}
+
+/// An argument with its axes in order.
+struct Argument<'py> {
+    /// What NumPy can convert to an array.
+    values: Bound<'py, PyAny>,
+    /// The grid of its values, if it is known.
+    grid: Option<grid::Grid>,
+    axes: [&'static str; 3],
+}
+
+impl<'py> Argument<'py> {
+    fn new(object: &Bound<'py, PyAny>, name: &str, axes: [&'static str; 3]) -> PyResult<Self> {
+        // The name of the array in objects of this module and in data sets of xarray.
+        let part = match name {
+            "mask" | "effective_radius" | "radiance" | "standard_error" | "saturated" => name,
+            _ => "extinction",
+        };
+        let grid = object.getattr("grid").and_then(|grid| Ok(grid.extract::<Grid>()?));
+        if let Ok(Grid(grid)) = grid {
+            let values = object.getattr(part)?;
+            if values.is_none() {
+                return Err(PyValueError::new_err(format!("{name} has no {part}")));
+            }
+            return Ok(Self { values, grid: Some(grid), axes });
+        }
+        let object = match object.hasattr("data_vars")? {
+            true => object.get_item(part)?,
+            false => object.clone(),
+        };
+        let values = in_order(object, name, axes)?;
+        let grid = if axes == VOLUME { stated_grid(&values, name)? } else { None };
+        Ok(Self { values, grid, axes })
+    }
+
+    /// The argument as an array of NumPy with three axes and one of the given kinds of numbers.
+    fn array(&self, name: &str, kinds: &str, wanted: &str) -> PyResult<Bound<'py, PyAny>> {
+        let py = self.values.py();
+        let numpy = py.import("numpy")?;
+        let masked = numpy.getattr("ma")?;
+        let is_masked = |object: &Bound<'_, PyAny>| -> PyResult<bool> {
+            masked.call_method1("is_masked", (object,))?.extract()
+        };
+        let mut any = is_masked(&self.values)?;
+        // NumPy also drops the masks of the parts of a list.
+        if self.values.is_instance_of::<PyList>() || self.values.is_instance_of::<PyTuple>() {
+            for part in self.values.try_iter()? {
+                any |= is_masked(&part?)?;
+            }
+        }
+        if any {
+            return Err(PyValueError::new_err(format!(
+                "{name} is a masked array with masked values, which would be read as if they were \
+                 valid: fill them, for example with {name}.filled(0)"
+            )));
+        }
+        let array = numpy.call_method1("asarray", (&self.values,))?;
+        let dtype = array.getattr("dtype")?;
+        if !kinds.contains(&dtype.getattr("kind")?.extract::<String>()?) {
+            return Err(PyTypeError::new_err(format!(
+                "{name} is an array of {dtype}, not of {wanted}"
+            )));
+        }
+        let dimensions: usize = array.getattr("ndim")?.extract()?;
+        if dimensions != 3 {
+            return Err(PyValueError::new_err(format!(
+                "{name} has {dimensions} axes, but must have 3: [{}]",
+                self.axes.join(", ")
+            )));
+        }
+        Ok(array)
+    }
+}
+
+fn numbers(argument: &Argument<'_>, name: &str) -> PyResult<Array3<f32>> {
+    reals(argument, name, unit_factor_of(&argument.values, name)?)
+}
+
+fn reals(argument: &Argument<'_>, name: &str, factor: f64) -> PyResult<Array3<f32>> {
+    let array = argument.array(name, "fiu", "real numbers")?;
+    let array = if factor == 1.0 { array } else { array.mul(factor)? };
+    let array = array.call_method1("astype", ("float32", "C", "unsafe", true, false))?;
+    Ok(array.cast_into::<PyArray3<f32>>()?.try_readonly()?.as_array().to_owned())
+}
+
+fn booleans(argument: &Argument<'_>, name: &str) -> PyResult<Array3<bool>> {
+    let array = argument.array(name, "bfiu", "booleans")?;
+    let array = array.call_method1("astype", ("float32", "C", "unsafe", true, false))?;
+    let array = array.cast_into::<PyArray3<f32>>()?.try_readonly()?;
+    match array.as_array().iter().find(|number| **number != 0.0 && **number != 1.0) {
+        None => Ok(array.as_array().mapv(|number| number == 1.0)),
+        Some(number) => Err(PyValueError::new_err(format!(
+            "{name} holds {number}, but must hold booleans, or the numbers 0 and 1"
+        ))),
+    }
+}
+
+/// The factor by which the numbers of an object that states its unit are multiplied: an xarray object
+/// by its attribute `units`, a quantity of pint or astropy by its unit.
+fn unit_factor_of(object: &Bound<'_, PyAny>, name: &str) -> PyResult<f64> {
+    let (unit, is_plain) = unit_of(name);
     let attribute = object.getattr("attrs").and_then(|attrs| attrs.get_item("units"));
     let quantity = || object.getattr("magnitude").and_then(|_| object.getattr("units"));
     let stated = attribute.or_else(|_| quantity()).or_else(|_| object.getattr("unit"));
-    let Ok(stated) = stated else { return Ok(()) };
+    let Ok(stated) = stated else { return Ok(1.0) };
     let stated = stated.str()?.to_string();
-    if spellings.contains(&stated.trim()) {
-        return Ok(());
+    if is_plain && matches!(stated.trim(), "" | "1") {
+        return Ok(1.0);
     }
-    Err(PyValueError::new_err(format!(
-        "{name} has the units \"{stated}\", but {} is expected: convert the values and give them as \
-         numbers, or with these units",
-        spellings[0]
-    )))
+    // Some programs write a space before a power.
+    unit_factor(&stated.trim().replace(" -", "-"), unit).ok_or_else(|| {
+        PyValueError::new_err(format!(
+            "{name} has the units \"{stated}\", but {unit} is expected: convert the values and give \
+             them as numbers, or with these units"
+        ))
+    })
 }
 
-/// The coordinates of an xarray object along an axis; those with the unit of a length are in km.
-fn coordinates(object: &Bound<'_, PyAny>, axis: &str) -> Option<Vec<f64>> {
-    let axis = object.getattr("coords").ok()?.get_item(axis).ok()?;
-    let values = axis.getattr("values").ok()?.call_method0("tolist").ok()?;
-    let mut values: Vec<f64> = values.extract().ok()?;
-    let unit = axis.getattr("attrs").and_then(|attributes| attributes.get_item("units"));
-    let unit = unit.and_then(|unit| unit.extract::<String>()).unwrap_or_default();
-    if ["m", "meter", "meters", "metre", "metres"].contains(&unit.trim()) {
-        values.iter_mut().for_each(|value| *value *= 1e-3);
+/// An xarray object with its axes in the given order and its coordinates ascending. An object without
+/// these names is returned as it is, as its order cannot be checked.
+fn in_order<'py>(
+    mut object: Bound<'py, PyAny>,
+    name: &str,
+    axes: [&str; 3],
+) -> PyResult<Bound<'py, PyAny>> {
+    let dims = object.getattr("dims").and_then(|dims| Ok(dims.cast_into::<PyTuple>()?));
+    let Ok(dims) = dims else { return Ok(object) };
+    let found: Vec<String> = dims.iter().filter_map(|dim| dim.extract().ok()).collect();
+    if found.len() != dims.len() || !axes.iter().all(|axis| found.iter().any(|dim| dim == axis)) {
+        return Ok(object);
     }
-    Some(values)
-}
-
-/// An argument that may be missing, and its name.
-pub(crate) type Named<'a, 'py> = (Option<&'a Bound<'py, PyAny>>, &'static str);
-
-/// Refuse xarray objects whose coordinates are not those of `grid`. Numbers from 0 are indices.
-pub(crate) fn check_on_grid(grid: &Grid, arguments: &[Named]) -> PyResult<()> {
-    let [x, y, z] = grid.axes();
-    for (axis, centres) in VOLUME.into_iter().zip([z, y, x]) {
-        for (object, name) in arguments {
-            let Some(found) = object.and_then(|object| coordinates(object, axis)) else { continue };
-            let indices = found.iter().enumerate().all(|(index, value)| *value == index as f64);
-            if !indices {
-                check_equal([name, "the grid"], [&found, &centres], axis)?;
-            }
+    let sizes = object.getattr("sizes")?;
+    for other in found.iter().filter(|dim| !axes.contains(&dim.as_str())) {
+        let size: usize = sizes.get_item(other)?.extract()?;
+        if size != 1 {
+            return Err(PyValueError::new_err(format!(
+                "{name} has an axis {other} of length {size}: select one of its elements, for \
+                 example with {name}.isel({other}=0)"
+            )));
         }
+        object = object.call_method1("squeeze", (other,))?;
     }
-    Ok(())
-}
-
-/// Refuse xarray objects whose coordinates differ from those of the first of them.
-pub(crate) fn check_same(arguments: &[Named], axes: [&str; 3]) -> PyResult<()> {
+    if found != axes {
+        object = object.call_method1("transpose", PyTuple::new(object.py(), axes)?)?;
+    }
     for axis in axes {
-        let mut known = arguments
-            .iter()
-            .filter_map(|(object, name)| Some((coordinates((*object)?, axis)?, name)));
-        let Some((first, first_name)) = known.next() else { continue };
-        for (other, name) in known {
-            check_equal([name, first_name], [&other, &first], axis)?;
+        let Some(values) = coordinate(&object, axis)? else { continue };
+        let steps = || values.windows(2).map(|pair| pair[1] - pair[0]);
+        if steps().all(|step| step > 0.0) {
+            continue;
         }
-    }
-    Ok(())
-}
-
-/// Refuse coordinates that differ by more than rounding. Other numbers of them are the error of
-/// another check.
-fn check_equal(names: [&str; 2], [one, other]: [&[f64]; 2], axis: &str) -> PyResult<()> {
-    let ends = |values: &[f64]| [values[0], values[values.len() - 1]];
-    if one.len() != other.len() || one.is_empty() {
-        return Ok(());
-    }
-    let ([first, last], [other_first, other_last]) = (ends(one), ends(other));
-    let step = (last - first).abs() / (one.len() - 1).max(1) as f64;
-    let tolerance = ROUNDING * step.max(1e-3 * first.abs());
-    if one.iter().zip(other).all(|(one, other)| (one - other).abs() <= tolerance) {
-        return Ok(());
-    }
-    let [name, other_name] = names;
-    Err(PyValueError::new_err(format!(
-        "{name} has coordinates along {axis} from {first} to {last}, but {other_name} from \
-         {other_first} to {other_last}: select or interpolate the same part, or give arrays without \
-         coordinates"
-    )))
-}
-
-/// Refuse an xarray object whose coordinates along one of the axes of a volume descend.
-fn check_ascending(object: &Bound<'_, PyAny>, name: &str, axes: [&str; 3]) -> PyResult<()> {
-    for axis in axes {
-        let Some(values) = coordinates(object, axis) else { continue };
-        if values.windows(2).any(|pair| pair[1] <= pair[0]) {
+        if !steps().all(|step| step < 0.0) {
             return Err(PyValueError::new_err(format!(
                 "{name} has coordinates along {axis} that do not ascend: sort it, for example by \
                  {name}.sortby(\"{axis}\")"
             )));
         }
+        let reversed = PyDict::new(object.py());
+        reversed.set_item(axis, object.py().eval(c"slice(None, None, -1)", None, None)?)?;
+        object = object.call_method("isel", (), Some(&reversed))?;
     }
-    Ok(())
+    Ok(object)
 }
 
-/// Refuse an xarray object that has the expected axis names in another order. An object with any
-/// other axis names is accepted, as its order cannot be checked.
-fn check_names(object: &Bound<'_, PyAny>, name: &str, axes: [&str; 3]) -> PyResult<()> {
-    let Ok(dims) = object.getattr("dims") else { return Ok(()) };
-    let Ok(dims) = dims.cast_into::<PyTuple>() else { return Ok(()) };
-    let found: Vec<String> = dims.iter().filter_map(|dim| dim.extract().ok()).collect();
-    let permuted = found.len() == 3 && axes.iter().all(|axis| found.iter().any(|dim| dim == axis));
-    if permuted && found != axes {
-        return Err(PyValueError::new_err(format!(
-            "{name} has the axes [{}], but must have [{}]: transpose it",
-            found.join(", "),
-            axes.join(", ")
-        )));
+/// The coordinates of an xarray object along an axis; `None` if it has no numbers there.
+fn coordinate(object: &Bound<'_, PyAny>, axis: &str) -> PyResult<Option<Vec<f64>>> {
+    let coordinates = object.getattr("coords")?;
+    if !coordinates.contains(axis)? {
+        return Ok(None);
     }
-    Ok(())
+    let values = coordinates.get_item(axis)?.getattr("values")?.call_method0("tolist")?;
+    Ok(values.extract().ok())
+}
+
+/// The grid that the coordinates of an xarray object state; `None` if it has none along one of the
+/// axes, or a single one without its spacing.
+fn stated_grid(object: &Bound<'_, PyAny>, name: &str) -> PyResult<Option<grid::Grid>> {
+    if !object.hasattr("coords")? {
+        return Ok(None);
+    }
+    let (mut origin, mut spacing, mut shape) = (DVec3::ZERO, DVec3::ZERO, [0; 3]);
+    for (number, axis) in VOLUME.into_iter().enumerate() {
+        let Some(values) = coordinate(object, axis)? else { return Ok(None) };
+        let attributes = object.getattr("coords")?.get_item(axis)?.getattr("attrs")?;
+        let attribute = |name: &str| attributes.get_item(name).ok();
+        let units: String =
+            attribute("units").map_or_else(|| Ok("km".into()), |units| units.extract())?;
+        let to_km = unit_factor(&units, "km").ok_or_else(|| {
+            PyValueError::new_err(format!(
+                "{name} has coordinates along {axis} in the units \"{units}\", but km is expected"
+            ))
+        })?;
+        let number_of = |name| attribute(name).and_then(|value| value.extract::<f64>().ok());
+        // The attributes of deepct's own files are exact, unless a part was selected.
+        let exact = number_of("lower_edge").zip(number_of("spacing")).filter(|(edge, step)| {
+            let expected = |index: usize| edge + step * (index as f64 + 0.5);
+            let differs = |(index, value): (usize, &f64)| {
+                (value - expected(index)).abs() > TOLERANCE * step.abs()
+            };
+            !values.iter().enumerate().any(differs)
+        });
+        let (edge, step) = match (exact, values.as_slice()) {
+            (Some(exact), _) => exact,
+            (None, [first, .., last]) => {
+                let step = (last - first) / (values.len() - 1) as f64;
+                let expected = |index: usize| first + step * index as f64;
+                let mut off =
+                    values.iter().enumerate().map(|(index, value)| value - expected(index));
+                if off.any(|off| off.abs() > TOLERANCE * step) {
+                    return Err(PyValueError::new_err(format!(
+                        "{name} has coordinates along {axis} that are not equidistant: interpolate it \
+                         to a regular grid"
+                    )));
+                }
+                (first - 0.5 * step, step)
+            }
+            (None, _) => return Ok(None),
+        };
+        let axis = 2 - number;
+        (origin[axis], spacing[axis], shape[number]) = (to_km * edge, to_km * step, values.len());
+    }
+    grid::Grid::new(origin, spacing, shape).map(Some).map_err(crate::error::raise)
+}
+
+/// The grid of an xarray object, from its coordinates.
+///
+/// # Errors
+/// `ValueError` if it has none.
+pub(crate) fn grid_of(object: &Bound<'_, PyAny>) -> PyResult<grid::Grid> {
+    let object = match object.hasattr("data_vars")? {
+        true => object.getattr("coords")?.call_method0("to_dataset")?,
+        false => object.clone(),
+    };
+    stated_grid(&object, "the object")?.ok_or_else(|| {
+        PyValueError::new_err(
+            "the object has no grid: it needs coordinates z, y and x of the voxel centres, at least \
+             two along each axis",
+        )
+    })
 }
 
 /// Transfer an array to Python, without a copy.
 pub(crate) fn give<T: numpy::Element>(py: Python<'_>, values: Array3<T>) -> Py<PyArray3<T>> {
     values.into_pyarray(py).unbind()
+}
+
+/// A copy of the values of an array, which Python may have changed.
+pub(crate) fn copied<T: numpy::Element + Clone>(
+    py: Python<'_>,
+    array: &Py<PyArray3<T>>,
+) -> PyResult<Array3<T>> {
+    Ok(array.bind(py).try_readonly()?.as_array().to_owned())
 }

@@ -1,30 +1,105 @@
 //! `carve`: the voxels that may contain cloud, given the images.
 
-use crate::array::{Floats, IMAGES, booleans, check_same, give};
-use crate::compute::compute;
+use crate::array::{copied, give};
+use crate::compute::interruptibly;
+use crate::error::raise;
+use crate::exchange::{dataset, provenance, through_file, write};
 use crate::grid::Grid;
+use crate::light::{Light, warn};
+use crate::observation::{Given, observation};
+use crate::record::{Record, attributes, record};
 use crate::view::ViewSequence;
-use deepct_core::Error;
 use deepct_core::carve::CarveSettings;
-use deepct_core::image::ViewStack;
-use deepct_core::scene::{Light, Observation};
+use deepct_core::grid::Mask;
+use deepct_core::{io, scene};
 use numpy::{PyArray1, PyArray3, ToPyArray};
-use pyo3::exceptions::PyUserWarning;
+use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
-use std::ffi::CString;
+use pyo3::types::PyDict;
+use std::path::PathBuf;
 
-/// A carved cloud mask and the radiance thresholds that it is based on.
+/// A cloud mask and the radiance thresholds that it is based on. Functions accept it as their `mask`.
 ///
-/// Attributes
+/// Parameters
 /// ----------
-/// mask : numpy.ndarray, bool, [z, y, x]
-///     True in the voxels that may contain cloud. A voxel on which no view has a vote is kept.
-/// thresholds : numpy.ndarray, float32, [view]
+/// grid : Grid
+///     The grid of the mask.
+/// mask : array of bool, [z, y, x]
+///     True in the voxels that may contain cloud.
+/// thresholds : array, [view], optional
 ///     The radiance (1/sr) above which a pixel of each view was classified as cloudy.
-#[pyclass(frozen, module = "deepct_py", get_all)]
+#[pyclass(frozen, module = "deepct_py")]
 pub(crate) struct Carved {
+    /// The grid of the mask.
+    #[pyo3(get)]
+    grid: Grid,
+    /// True in the voxels that may contain cloud; a voxel on which no view has a vote is kept:
+    /// numpy.ndarray, bool, [z, y, x].
+    #[pyo3(get)]
     mask: Py<PyArray3<bool>>,
-    thresholds: Py<PyArray1<f32>>,
+    /// The radiance (1/sr) above which a pixel of each view was classified as cloudy: numpy.ndarray,
+    /// float32, [view]; None if it is unknown.
+    #[pyo3(get)]
+    thresholds: Option<Py<PyArray1<f32>>>,
+}
+
+record!(Carved);
+
+impl Record for Carved {
+    fn arguments<'py>(of: &Bound<'py, Self>) -> PyResult<Bound<'py, PyDict>> {
+        attributes(of.as_any(), &["grid", "mask", "thresholds"])
+    }
+}
+
+#[pymethods]
+impl Carved {
+    #[new]
+    #[pyo3(signature = (grid, mask, thresholds = None))]
+    fn new(grid: Grid, mask: &Bound<'_, PyAny>, thresholds: Option<Vec<f32>>) -> PyResult<Self> {
+        let py = mask.py();
+        let values = crate::array::mask(mask, "mask")?.on(grid.0)?;
+        let mask = Mask::new(grid.0, values).map_err(raise)?;
+        Ok(Self::give(py, mask, thresholds.map(|values| values.to_pyarray(py).unbind())))
+    }
+
+    /// The mask in a data set of xarray with the variable `mask`.
+    #[staticmethod]
+    fn from_dataset(dataset: &Bound<'_, PyAny>) -> PyResult<Self> {
+        let py = dataset.py();
+        through_file(dataset, |path| read_mask(py, path.into()))
+    }
+
+    /// Write a netCDF file that all commands and `read_mask` read. The thresholds are not in it.
+    #[pyo3(signature = (path, *, title = "Voxels that may contain cloud"))]
+    fn to_netcdf(&self, py: Python<'_>, path: PathBuf, title: &str) -> PyResult<()> {
+        let mask = Mask::new(self.grid.0, copied(py, &self.mask)?).map_err(raise)?;
+        write(py, &path, |path| io::write_mask(path, &mask, &provenance(title)))
+    }
+
+    /// The mask as a data set of xarray, with the variable of a file of a mask.
+    fn to_xarray<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        dataset(py, |path| self.to_netcdf(py, path.into(), "Voxels that may contain cloud"))
+    }
+}
+
+impl Carved {
+    fn give(py: Python<'_>, mask: Mask, thresholds: Option<Py<PyArray1<f32>>>) -> Self {
+        Self { grid: Grid(mask.grid), mask: give(py, mask.values), thresholds }
+    }
+}
+
+/// Read a mask from a netCDF file: one of `carve`, or of a reconstruction.
+///
+/// Raises
+/// ------
+/// OSError
+///     The file cannot be read.
+/// DeepctError
+///     The contents of the file are invalid; the message names the variable.
+#[pyfunction]
+pub(crate) fn read_mask(py: Python<'_>, path: PathBuf) -> PyResult<Carved> {
+    let mask = py.detach(|| io::read_mask(&path)).map_err(raise)?;
+    Ok(Carved::give(py, mask, None))
 }
 
 /// Carve a cloud mask from images: keep the voxels that a sufficient fraction of the views see
@@ -35,10 +110,10 @@ pub(crate) struct Carved {
 ///
 /// Parameters
 /// ----------
-/// radiance : array, [view, row, col]
+/// radiance : Observation, or array [view, row, col]
 ///     Images (1/sr).
-/// views : Views or sequence of View
-///     The camera geometry of each image.
+/// views : Views or sequence of View, optional
+///     The camera geometry of each image, unless the images are an observation.
 /// grid : Grid
 ///     The grid of the mask.
 /// threshold : float, optional
@@ -62,67 +137,49 @@ pub(crate) struct Carved {
 /// ------
 /// ValueError
 ///     The images do not match the views, or a parameter is out of range.
+///
+/// Examples
+/// --------
+/// >>> cloud = deepct_py.generate_cloud(seed=3, width_km=0.4)
+/// >>> images = deepct_py.render(cloud, views="cloudct-10", samples=16)
+/// >>> carved = deepct_py.carve(images, grid=cloud.grid)
+/// >>> bool(carved.mask[cloud.extinction > 20].mean() > 0.9)
+/// True
 #[pyfunction]
-#[pyo3(signature = (
-    radiance, views, grid, *, threshold = None, standard_error = None, saturated = None,
-    agreement = None,
-))]
+#[pyo3(
+    signature = (
+        radiance, views = None, grid = None, *, threshold = None, standard_error = None,
+        saturated = None, agreement = None,
+    ),
+    text_signature = "(radiance, views=None, grid=None, *, threshold=None, standard_error=None, \
+                      saturated=None, agreement=0.9)",
+)]
 #[allow(clippy::too_many_arguments)]
-pub(crate) fn carve(
-    py: Python<'_>,
-    radiance: &Bound<'_, PyAny>,
-    views: ViewSequence,
-    grid: Grid,
+pub(crate) fn carve<'py>(
+    radiance: &Bound<'py, PyAny>,
+    views: Option<ViewSequence>,
+    grid: Option<Grid>,
     threshold: Option<f32>,
-    standard_error: Option<Bound<'_, PyAny>>,
-    saturated: Option<Bound<'_, PyAny>>,
+    standard_error: Option<Bound<'py, PyAny>>,
+    saturated: Option<Bound<'py, PyAny>>,
     agreement: Option<f64>,
 ) -> PyResult<Carved> {
+    let py = radiance.py();
     let defaults = CarveSettings::default();
     let settings = CarveSettings { threshold, agreement: agreement.unwrap_or(defaults.agreement) };
-    let images = [
-        (Some(radiance), "radiance"),
-        (standard_error.as_ref(), "standard_error"),
-        (saturated.as_ref(), "saturated"),
-    ];
-    check_same(&images, IMAGES)?;
-    let radiance = Floats::new(radiance, "radiance", IMAGES)?.to_owned();
-    let errors = standard_error
-        .map(|errors| Ok::<_, PyErr>(Floats::new(&errors, "standard_error", IMAGES)?.to_owned()))
-        .transpose()?;
-    let saturated = saturated.map(|marks| booleans(&marks, "saturated", IMAGES)).transpose()?;
-    let carved = compute(py, move |_| {
-        let images = ViewStack::new(radiance)?;
+    let Grid(grid) = grid.ok_or_else(|| PyTypeError::new_err("grid is missing"))?;
+    let given = Given { views, light: None, standard_error, saturated };
+    let observation = observation(radiance, given, |images| {
         // Carving does not depend on the scene illumination; the images may have any unit.
-        let mut light = Light::default();
+        let mut light = scene::Light::default();
         light.sun.irradiance = f64::from(images.brightest()).max(1.0);
-        let mut observation = Observation::new(light, views.0, images)?;
-        observation.standard_error = errors.map(ViewStack::of_errors).transpose()?;
-        if let Some(errors) = &observation.standard_error {
-            let (found, expected) = (errors.shape(), observation.images.shape());
-            if found != expected {
-                let range = format!("{expected:?}, that of the radiance");
-                return Err(Error::out_of_range(
-                    "shape of standard_error",
-                    format!("{found:?}"),
-                    range,
-                ));
-            }
-        }
-        if let Some(saturated) = saturated {
-            observation = observation.with_saturated(saturated)?;
-        }
-        deepct_core::carve::carve(&observation, &grid.0, &settings)
+        Ok(Light::from(light))
     })?;
+    let carved =
+        interruptibly(py, move || deepct_core::carve::carve(&observation, &grid, &settings))?;
     if let Some(warning) = carved.warning() {
         warn(py, warning)?;
     }
     let thresholds = carved.thresholds.to_pyarray(py).unbind();
-    Ok(Carved { mask: give(py, carved.mask.values), thresholds })
-}
-
-/// Issues a warning.
-pub(crate) fn warn(py: Python<'_>, warning: &str) -> PyResult<()> {
-    let text = CString::new(warning).expect("no zero byte");
-    PyErr::warn(py, &py.get_type::<PyUserWarning>(), &text, 1)
+    Ok(Carved::give(py, carved.mask, Some(thresholds)))
 }

@@ -1,11 +1,15 @@
 //! `Grid`: the regular grid of a volume.
 
+use crate::array::grid_of;
 use crate::error::raise;
-use deepct_core::grid;
-use deepct_core::math::DVec3;
+use crate::number::{point, sizes};
+use crate::record::{Record, attributes, record};
+use deepct_core::{grid, io};
 use numpy::ndarray::Array1;
 use numpy::{IntoPyArray, PyArray1};
 use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use std::path::PathBuf;
 
 /// A regular grid of voxels: voxel `[k, j, i]` (z, y, x) spans from
 /// `origin + (i, j, k) * spacing` to `origin + (i + 1, j + 1, k + 1) * spacing`.
@@ -23,19 +27,53 @@ use pyo3::prelude::*;
 /// ------
 /// ValueError
 ///     A spacing is not positive, an axis has no voxels, or the grid has too many voxels.
-#[pyclass(frozen, eq, from_py_object, module = "deepct_py")]
-#[derive(Clone, Copy, PartialEq)]
+///
+/// Examples
+/// --------
+/// >>> grid = deepct_py.Grid(shape=(20, 32, 32), spacing=(0.05, 0.05, 0.04))
+/// >>> grid.center
+/// (0.8, 0.8, 0.4)
+#[pyclass(frozen, from_py_object, module = "deepct_py")]
+#[derive(Clone, Copy)]
 pub(crate) struct Grid(pub(crate) grid::Grid);
+
+record!(Grid);
+
+impl Record for Grid {
+    fn arguments<'py>(of: &Bound<'py, Self>) -> PyResult<Bound<'py, PyDict>> {
+        attributes(of.as_any(), &["shape", "spacing", "origin"])
+    }
+}
 
 #[pymethods]
 impl Grid {
     #[new]
     #[pyo3(
-        signature = (shape, spacing, origin = (0.0, 0.0, 0.0)),
+        signature = (shape, spacing, origin = None),
         text_signature = "(shape, spacing, origin=(0.0, 0.0, 0.0))",
     )]
-    fn new(shape: [usize; 3], spacing: (f64, f64, f64), origin: (f64, f64, f64)) -> PyResult<Self> {
-        grid::Grid::new(origin.into(), spacing.into(), shape).map(Self).map_err(raise)
+    fn new(
+        shape: &Bound<'_, PyAny>,
+        spacing: &Bound<'_, PyAny>,
+        origin: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<Self> {
+        let origin = origin.map(|origin| point(origin, "origin")).transpose()?.unwrap_or_default();
+        let shape = sizes(shape, "shape", ["z", "y", "x"])?;
+        grid::Grid::new(origin, point(spacing, "spacing")?, shape).map(Self).map_err(raise)
+    }
+
+    /// The grid of an xarray object, from the coordinates z, y and x of the voxel centres (km unless
+    /// their attribute `units` states another unit).
+    #[staticmethod]
+    fn from_dataset(dataset: &Bound<'_, PyAny>) -> PyResult<Self> {
+        grid_of(dataset).map(Self)
+    }
+
+    /// Read a grid from any file with coordinates z, y and x, or from a TOML file with `origin_km`,
+    /// `spacing_km` (x, y, z) and `shape` (z, y, x).
+    #[staticmethod]
+    fn from_file(path: PathBuf) -> PyResult<Self> {
+        io::read_grid(path).map(Self).map_err(raise)
     }
 
     /// Number of voxels along z, y, x.
@@ -78,16 +116,6 @@ impl Grid {
     #[getter]
     fn z<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
         self.axis(py, 2)
-    }
-
-    fn __repr__(&self) -> String {
-        let grid::Grid { origin, spacing, shape: [nz, ny, nx] } = self.0;
-        let words = |v: DVec3| format!("({}, {}, {})", v.x, v.y, v.z);
-        format!(
-            "Grid(shape=({nz}, {ny}, {nx}), spacing={}, origin={})",
-            words(spacing),
-            words(origin)
-        )
     }
 }
 

@@ -1,74 +1,229 @@
 //! `invert` and `hybrid`: retrieval of the extinction with a forward model.
 
-use crate::array::{Floats, IMAGES, VOLUME, booleans, check_on_grid, check_same, give};
-use crate::carve::warn;
+use crate::array::{Placed, copied, give, volume};
 use crate::cloud::read;
-use crate::compute::{Stopped, compute};
+use crate::compute::{Progress, Watch, at_length};
 use crate::error::raise;
+use crate::exchange::{dataset, provenance, write};
 use crate::grid::Grid;
-use crate::light::{Light, or_default, warn_of_neglected};
+use crate::light::{Light, warn, warn_of_neglected};
 use crate::network::Network;
+use crate::observation::{Given, observation};
+use crate::record::{Record, attributes, record};
 use crate::view::ViewSequence;
-use deepct_core::Result;
 use deepct_core::carve::{CarveSettings, carve};
 use deepct_core::grid::{Mask, Volume};
-use deepct_core::image::ViewStack;
 use deepct_core::inversion::{
     self, InversionSettings, OrdinatesModels, Problem, Start, network_grid,
 };
 use deepct_core::network::Estimate;
-use deepct_core::scene::Observation;
-use deepct_core::stop::Stop;
+use deepct_core::scene::{self, Observation};
 use deepct_core::transport::OrdinatesSettings;
+use deepct_core::{Result, io};
 use numpy::PyArray3;
 use numpy::ndarray::Array3;
+use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
+use std::path::PathBuf;
 
 /// The result of an inversion.
 ///
-/// Attributes
+/// Parameters
 /// ----------
-/// extinction : numpy.ndarray, float32, [z, y, x]
-///     Extinction (1/km), 0 outside the mask.
-/// mask : numpy.ndarray, bool, [z, y, x]
+/// grid : Grid
+///     The grid of the arrays.
+/// extinction : array, [z, y, x]
+///     Extinction (1/km).
+/// mask : array of bool, [z, y, x]
 ///     The voxels in which the extinction was retrieved.
 /// history : list of dict
-///     One entry for each step, with the keys `stage`, `block`, `iteration`, `seconds`, `misfit`,
-///     `value` (of the cost function), `evaluations` and, if the true extinction was given,
-///     `relative_error` and `mass_error`.
+///     One entry for each step, as in the attribute.
 /// ending : str
-///     The reason for termination: "noise" (the noise explains the misfit), "iterations" (the
-///     maximum number of steps was reached) or "stalled" (the cost function no longer decreased).
-#[pyclass(frozen, module = "deepct_py", get_all)]
+///     The reason for termination, as in the attribute.
+/// light : Light
+///     Scene illumination of the images.
+#[pyclass(frozen, module = "deepct_py")]
 pub(crate) struct Reconstruction {
+    /// The grid of the arrays.
+    #[pyo3(get)]
+    grid: Grid,
+    /// Extinction (1/km), 0 outside the mask: numpy.ndarray, float32, [z, y, x].
+    #[pyo3(get)]
     extinction: Py<PyArray3<f32>>,
+    /// The voxels in which the extinction was retrieved: numpy.ndarray, bool, [z, y, x].
+    #[pyo3(get)]
     mask: Py<PyArray3<bool>>,
+    /// One dict for each step, with the keys `stage`, `block`, `iteration`, `seconds`, `misfit`,
+    /// `value` (of the cost function), `evaluations` and, if the true extinction was given,
+    /// `relative_error` and `mass_error`.
+    #[pyo3(get)]
     history: Py<PyAny>,
+    /// The reason for termination: "noise" (the noise explains the misfit), "iterations" (the maximum
+    /// number of steps was reached) or "stalled" (the cost function no longer decreased).
+    #[pyo3(get)]
     ending: String,
+    /// Scene illumination of the images.
+    #[pyo3(get)]
+    light: Light,
+}
+
+record!(Reconstruction);
+
+impl Record for Reconstruction {
+    fn arguments<'py>(of: &Bound<'py, Self>) -> PyResult<Bound<'py, PyDict>> {
+        let names = ["grid", "extinction", "mask", "history", "ending", "light"];
+        attributes(of.as_any(), &names)
+    }
+}
+
+#[pymethods]
+impl Reconstruction {
+    #[new]
+    fn new(
+        grid: Grid,
+        extinction: &Bound<'_, PyAny>,
+        mask: &Bound<'_, PyAny>,
+        history: &Bound<'_, PyAny>,
+        ending: &str,
+        light: Light,
+    ) -> PyResult<Self> {
+        let py = extinction.py();
+        let values = volume(extinction, "extinction")?.on(grid.0)?;
+        let mask = crate::array::mask(mask, "mask")?.on(grid.0)?;
+        let core = inversion::Reconstruction {
+            extinction: Volume::new(grid.0, values).map_err(raise)?,
+            history: parsed(&dumped(history)?, "history")?,
+            ending: parsed(&format!("\"{ending}\""), "ending")?,
+        };
+        let made = Self::give(py, core, Mask::new(grid.0, mask).map_err(raise)?, light)?;
+        // Numbers that are read from text may differ in their last digit.
+        Ok(Self { history: history.clone().unbind(), ..made })
+    }
+
+    /// Write a netCDF file that all commands, `read_volume` and `read_mask` read.
+    #[pyo3(signature = (path, *, title = "Extinction by inversion"))]
+    fn to_netcdf(&self, py: Python<'_>, path: PathBuf, title: &str) -> PyResult<()> {
+        let core = inversion::Reconstruction {
+            extinction: Volume::new(self.grid.0, copied(py, &self.extinction)?).map_err(raise)?,
+            history: parsed(&dumped(self.history.bind(py))?, "history")?,
+            ending: parsed(&format!("\"{}\"", self.ending), "ending")?,
+        };
+        let mask = Mask::new(self.grid.0, copied(py, &self.mask)?).map_err(raise)?;
+        let images = self.light.of_no_images();
+        write(py, &path, |path| {
+            io::write_reconstruction(path, &core, &mask, &images, &provenance(title))
+        })
+    }
+
+    /// The reconstruction as a data set of xarray, with the variables of its file.
+    fn to_xarray<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        dataset(py, |path| self.to_netcdf(py, path.into(), "Extinction by inversion"))
+    }
+}
+
+impl Reconstruction {
+    fn give(
+        py: Python<'_>,
+        answer: inversion::Reconstruction,
+        mask: Mask,
+        light: Light,
+    ) -> PyResult<Self> {
+        let text = |value: serde_json::Result<String>| value.expect("plain numbers and text");
+        let history = text(serde_json::to_string(&answer.history));
+        Ok(Self {
+            grid: Grid(answer.extinction.grid),
+            extinction: give(py, answer.extinction.values),
+            mask: give(py, mask.values),
+            history: py.import("json")?.call_method1("loads", (history,))?.unbind(),
+            ending: text(serde_json::to_string(&answer.ending)).trim_matches('"').to_owned(),
+            light,
+        })
+    }
+}
+
+/// An object of Python as JSON.
+fn dumped(object: &Bound<'_, PyAny>) -> PyResult<String> {
+    object.py().import("json")?.call_method1("dumps", (object,))?.extract()
+}
+
+fn parsed<T: serde::de::DeserializeOwned>(text: &str, name: &str) -> PyResult<T> {
+    serde_json::from_str(text).map_err(|problem| {
+        PyValueError::new_err(format!("{name} is not that of a reconstruction: {problem}"))
+    })
 }
 
 /// The converted arguments that `invert` and `hybrid` have in common.
 struct Request {
     observation: Observation,
-    mask: Option<Array3<bool>>,
-    truth: Option<Array3<f32>>,
+    mask: Option<Placed<bool>>,
+    truth: Option<Placed<f32>>,
     settings: InversionSettings,
 }
 
+/// The mask and the truth of a request, on its grid.
+struct OnGrid {
+    grid: deepct_core::grid::Grid,
+    mask: Option<Array3<bool>>,
+    truth: Option<Array3<f32>>,
+}
+
 impl Request {
+    /// The request on a grid, to which what it contains must belong.
+    fn on(
+        self,
+        grid: deepct_core::grid::Grid,
+    ) -> PyResult<(OnGrid, Observation, InversionSettings)> {
+        let mask = self.mask.map(|mask| mask.on(grid)).transpose()?;
+        let truth = self.truth.map(|truth| truth.on(grid)).transpose()?;
+        Ok((OnGrid { grid, mask, truth }, self.observation, self.settings))
+    }
+
+    /// Retrieves the extinction on a grid.
+    fn solve(
+        self,
+        py: Python<'_>,
+        grid: deepct_core::grid::Grid,
+        progress: &Progress,
+        method: impl FnOnce(
+            &Problem,
+            &mut OrdinatesModels,
+            &InversionSettings,
+            &Watch,
+        ) -> Result<Answer>
+        + Send
+        + 'static,
+    ) -> PyResult<Reconstruction> {
+        let light = Light {
+            core: self.observation.light.clone(),
+            assumed: self.observation.assumed.clone(),
+        };
+        light.warn_of_assumed(py)?;
+        warn_of_neglected(py, &light.core)?;
+        let (on_grid, observation, settings) = self.on(grid)?;
+        let solved = at_length(py, progress, move |watch| {
+            on_grid.solve(&observation, &settings, watch, method)
+        })?;
+        for warning in &solved.warnings {
+            warn(py, warning)?;
+        }
+        Reconstruction::give(py, solved.answer, solved.mask, light)
+    }
+}
+
+impl OnGrid {
     /// The given mask or, if there is none, the mask carved from the images, with warnings.
-    fn mask(&mut self, grid: deepct_core::grid::Grid) -> Result<(Mask, Vec<String>)> {
+    fn mask(&mut self, observation: &Observation) -> Result<(Mask, Vec<String>)> {
         let mut warnings = Vec::new();
         let mask = match self.mask.take() {
-            Some(values) => Mask::new(grid, values)?,
+            Some(values) => Mask::new(self.grid, values)?,
             None => {
-                let carved = carve(&self.observation, &grid, &CarveSettings::default())?;
+                let carved = carve(observation, &self.grid, &CarveSettings::default())?;
                 warnings.extend(carved.warning().map(str::to_owned));
                 carved.mask
             }
         };
-        let unseen = mask.count() - inversion::shown(&mask, &self.observation)?.count();
+        let unseen = mask.count() - inversion::shown(&mask, observation)?.count();
         if unseen > 0 && unseen < mask.count() {
             let count = mask.count();
             warnings.push(format!(
@@ -79,29 +234,30 @@ impl Request {
         Ok((mask, warnings))
     }
 
-    fn models(&self, grid: deepct_core::grid::Grid) -> Result<OrdinatesModels> {
-        let scene = self.observation.light.scene_of(Volume::constant(grid, 0.0))?;
-        let views = self.observation.views.clone();
-        Ok(OrdinatesModels::new(scene, views, OrdinatesSettings::default()))
-    }
-
     fn solve(
         mut self,
-        grid: deepct_core::grid::Grid,
-        stop: &Stop,
-        way: impl FnOnce(&Problem, &mut OrdinatesModels, &InversionSettings) -> Result<Answer>,
+        observation: &Observation,
+        settings: &InversionSettings,
+        watch: &Watch,
+        method: impl FnOnce(
+            &Problem,
+            &mut OrdinatesModels,
+            &InversionSettings,
+            &Watch,
+        ) -> Result<Answer>,
     ) -> Result<Solved> {
-        let truth = self.truth.take().map(|values| Volume::new(grid, values)).transpose()?;
-        let (mask, mut warnings) = self.mask(grid)?;
-        let mut models = self.models(grid)?;
-        models.stop = stop.clone();
-        let problem =
-            Problem { observation: &self.observation, mask: &mask, truth: truth.as_ref() };
-        let answer = way(&problem, &mut models, &self.settings)?;
+        let truth = self.truth.take().map(|values| Volume::new(self.grid, values)).transpose()?;
+        let (mask, mut warnings) = self.mask(observation)?;
+        let scene = observation.light.scene_of(Volume::constant(self.grid, 0.0))?;
+        let views = observation.views.clone();
+        let mut models = OrdinatesModels::new(scene, views, OrdinatesSettings::default());
+        models.stop = watch.stop.clone();
+        let problem = Problem { observation, mask: &mask, truth: truth.as_ref() };
+        let answer = method(&problem, &mut models, settings, watch)?;
         if let Some(misfit) = answer.unexplained() {
             warnings.push(format!(
                 "the result does not explain the images: the misfit is {misfit:.1}, but should be \
-                 about 1; check light, views and grid, or begin elsewhere (start=\"auto\")"
+                 about 1; check light, views and grid, or begin elsewhere (init=\"auto\")"
             ));
         }
         Ok(Solved { answer, mask, warnings })
@@ -125,26 +281,30 @@ struct Solved {
 ///
 /// Parameters
 /// ----------
-/// radiance : array, [view, row, col]
+/// radiance : Observation, or array [view, row, col]
 ///     Images (1/sr).
-/// views : Views or sequence of View
-///     The camera geometry of each image.
+/// views : Views or sequence of View, optional
+///     The camera geometry of each image, unless the images are an observation.
 /// grid : Grid
-///     The grid of the extinction.
+///     The grid of the extinction. Default: that of `init`, if it has one.
 /// light : Light, optional
-///     Scene illumination of the images. Default: `Light()`.
-/// start : float, array [z, y, x] or "auto", optional
+///     Scene illumination of the images, unless they are an observation. Default: `Light()`.
+/// init : float, array [z, y, x], Estimate or "auto", optional
 ///     Initial extinction (1/km). "auto" selects the constant that fits the images best.
 ///     Default: 0.01.
-/// mask : array of bool, [z, y, x], optional
+/// mask : array of bool [z, y, x], or Carved, optional
 ///     The voxels in which the extinction is retrieved. By default the mask is carved from the
 ///     images with `carve`.
 /// standard_error : array, [view, row, col], optional
 ///     Standard error of each pixel (1/sr); infinite for pixels that are left out.
 /// saturated : array of bool, [view, row, col], optional
 ///     The pixels that are saturated: they are at least as bright as their radiance.
-/// truth : array, [z, y, x], optional
+/// truth : array [z, y, x], or Cloud, optional
 ///     The true extinction (1/km). If it is given, the history contains the errors of each step.
+/// progress : bool or callable
+///     True shows a line of progress on the standard error. A function is called with a dict such as
+///     those of `Reconstruction.history` after each step; an exception that it raises ends the
+///     computation.
 /// **settings
 ///     Settings of the inversion, such as `iterations`. The command `deepct config invert` lists
 ///     them under `[inversion]`.
@@ -159,52 +319,72 @@ struct Solved {
 ///     A setting is unknown or has a value of the wrong type.
 /// ValueError
 ///     The shapes of the arrays do not match, or a parameter is out of range.
+///
+/// Examples
+/// --------
+/// >>> cloud = deepct_py.generate_cloud(seed=3, width_km=0.4)
+/// >>> images = deepct_py.render(cloud, views="cloudct-10", solver="ordinates")
+/// >>> result = deepct_py.invert(images, grid=cloud.grid, iterations=1, coarse=[])
+/// >>> result.ending
+/// 'iterations'
 #[pyfunction]
 #[pyo3(signature = (
-    radiance, views, grid, light = None, *, start = None, mask = None, standard_error = None,
-    saturated = None,
-    truth = None, **settings,
-))]
+    radiance, views = None, grid = None, light = None, *, init = None, mask = None,
+    standard_error = None, saturated = None, truth = None, progress = Progress::None, **settings,
+), text_signature = "(radiance, views=None, grid=None, light=None, *, init=0.01, mask=None, \
+                     standard_error=None, saturated=None, truth=None, progress=False, **settings)")]
 // In Python these are keyword arguments with defaults.
 #[allow(clippy::too_many_arguments)]
-pub(crate) fn invert(
-    py: Python<'_>,
-    radiance: &Bound<'_, PyAny>,
-    views: ViewSequence,
-    grid: Grid,
+pub(crate) fn invert<'py>(
+    radiance: &Bound<'py, PyAny>,
+    views: Option<ViewSequence>,
+    grid: Option<Grid>,
     light: Option<Light>,
-    start: Option<&Bound<'_, PyAny>>,
-    mask: Option<&Bound<'_, PyAny>>,
-    standard_error: Option<&Bound<'_, PyAny>>,
-    saturated: Option<&Bound<'_, PyAny>>,
-    truth: Option<&Bound<'_, PyAny>>,
-    settings: Option<&Bound<'_, PyDict>>,
+    init: Option<&Bound<'py, PyAny>>,
+    mask: Option<&Bound<'py, PyAny>>,
+    standard_error: Option<Bound<'py, PyAny>>,
+    saturated: Option<Bound<'py, PyAny>>,
+    truth: Option<&Bound<'py, PyAny>>,
+    progress: Progress,
+    settings: Option<&Bound<'py, PyDict>>,
 ) -> PyResult<Reconstruction> {
-    check_on_grid(&grid.0, &[(start, "start"), (mask, "mask"), (truth, "truth")])?;
+    let py = radiance.py();
+    let given = Given { views, light, standard_error, saturated };
+    let default_light = |_: &_| Ok(Light::from(scene::Light::default()));
     let request = Request {
-        observation: observation(radiance, views, light, standard_error, saturated)?,
-        mask: mask.map(|mask| booleans(mask, "mask", VOLUME)).transpose()?,
-        truth: optional(truth, "truth")?,
+        observation: observation(radiance, given, default_light)?,
+        mask: mask.map(|values| crate::array::mask(values, "mask")).transpose()?,
+        truth: truth.map(|values| volume(values, "truth")).transpose()?,
         settings: keywords(py, settings)?,
     };
-    let start = match start {
-        None => Start::Constant(0.01),
-        Some(start) => match (start.extract::<f64>(), start.extract::<String>()) {
-            (Ok(number), _) => Start::Constant(number),
-            (_, Ok(word)) if word == "auto" => Start::Search,
-            _ => {
-                let values = Floats::new(start, "start", VOLUME)?.to_owned();
-                Estimate::from(Volume::new(grid.0, values).map_err(raise)?).into()
-            }
+    let init = match init {
+        None => Init::Start(Start::Constant(0.01)),
+        Some(init) => match (init.extract::<f64>(), init.extract::<String>()) {
+            (Ok(number), _) => Init::Start(Start::Constant(number)),
+            (_, Ok(word)) if word == "auto" => Init::Start(Start::Search),
+            _ => Init::Volume(volume(init, "init")?),
         },
     };
-    warn_of_neglected(py, &request.observation.light)?;
-    let solved = compute(py, move |stop| {
-        request.solve(grid.0, stop, |problem, models, settings| {
-            inversion::invert(problem, models, &start, settings, &Stopped(stop))
-        })
-    })?;
-    give_reconstruction(py, solved)
+    let grid = match (grid, &init) {
+        (Some(Grid(grid)), _) => grid,
+        (None, Init::Volume(values)) => values.grid(None)?,
+        (None, Init::Start(_)) => return Err(PyTypeError::new_err("grid is missing")),
+    };
+    let start = match init {
+        Init::Start(start) => start,
+        Init::Volume(values) => {
+            Estimate::from(Volume::new(grid, values.on(grid)?).map_err(raise)?).into()
+        }
+    };
+    request.solve(py, grid, &progress, move |problem, models, settings, watch| {
+        inversion::invert(problem, models, &start, settings, watch)
+    })
+}
+
+/// The initial extinction of an argument.
+enum Init {
+    Start(Start),
+    Volume(Placed<f32>),
 }
 
 /// Retrieve the extinction with the hybrid method: an inversion that starts from the estimate of
@@ -212,22 +392,23 @@ pub(crate) fn invert(
 ///
 /// Parameters
 /// ----------
-/// radiance : array, [view, row, col]
+/// radiance : Observation, or array [view, row, col]
 ///     Images (1/sr).
-/// views : Views or sequence of View
-///     The camera geometry of each image.
-/// network : Network
-///     The network.
+/// views : Views or sequence of View, optional
+///     The camera geometry of each image, unless the images are an observation.
+/// network : Network, optional
+///     The network. Default: `Network.load()`, the general network.
 /// light : Light, optional
-///     Scene illumination of the images, required for general weights. Default: `Light()`.
+///     Scene illumination of the images, unless they are an observation; required for general weights.
+///     Default: `Light()`.
 /// grid : Grid, optional
 ///     The grid of the result. Default: `network.grid(views)`.
 /// quick : bool
 ///     Use the quick hybrid method: 12 steps and one correction by the accurate solver.
-/// mask : array of bool, [z, y, x], optional
+/// mask : array of bool [z, y, x], or Carved, optional
 ///     The voxels in which the extinction is retrieved. By default the mask is carved from the
 ///     images with `carve`.
-/// standard_error, saturated, truth, **settings
+/// standard_error, saturated, truth, progress, **settings
 ///     As in `invert`.
 ///
 /// Returns
@@ -241,111 +422,68 @@ pub(crate) fn invert(
 /// ValueError
 ///     The images do not have the geometry that the network was trained for, the shapes of the
 ///     arrays do not match, or a parameter is out of range.
+///
+/// Examples
+/// --------
+/// >>> cloud = deepct_py.generate_cloud(seed=3, width_km=0.4)
+/// >>> images = deepct_py.render(cloud, views="cloudct-10", solver="ordinates")
+/// >>> network = deepct_py.Network.load("cloudct-10")
+/// >>> result = deepct_py.hybrid(images, network=network, iterations=1)
+/// >>> result.extinction.shape == result.grid.shape
+/// True
 #[pyfunction]
 #[pyo3(signature = (
-    radiance, views, network, light = None, *, grid = None, quick = false, mask = None,
-    standard_error = None, saturated = None, truth = None, **settings,
-))]
+    radiance, views = None, network = None, light = None, *, grid = None, quick = false,
+    mask = None, standard_error = None, saturated = None, truth = None,
+    progress = Progress::None, **settings,
+), text_signature = "(radiance, views=None, network=None, light=None, *, grid=None, quick=False, \
+                     mask=None, standard_error=None, saturated=None, truth=None, progress=False, \
+                     **settings)")]
 #[allow(clippy::too_many_arguments)]
-pub(crate) fn hybrid(
-    py: Python<'_>,
-    radiance: &Bound<'_, PyAny>,
-    views: ViewSequence,
-    network: &Network,
+pub(crate) fn hybrid<'py>(
+    radiance: &Bound<'py, PyAny>,
+    views: Option<ViewSequence>,
+    network: Option<&Bound<'py, Network>>,
     light: Option<Light>,
     grid: Option<Grid>,
     quick: bool,
-    mask: Option<&Bound<'_, PyAny>>,
-    standard_error: Option<&Bound<'_, PyAny>>,
-    saturated: Option<&Bound<'_, PyAny>>,
-    truth: Option<&Bound<'_, PyAny>>,
-    settings: Option<&Bound<'_, PyDict>>,
+    mask: Option<&Bound<'py, PyAny>>,
+    standard_error: Option<Bound<'py, PyAny>>,
+    saturated: Option<Bound<'py, PyAny>>,
+    truth: Option<&Bound<'py, PyAny>>,
+    progress: Progress,
+    settings: Option<&Bound<'py, PyDict>>,
 ) -> PyResult<Reconstruction> {
-    let volumes = [(mask, "mask"), (truth, "truth")];
-    check_same(&volumes, VOLUME)?;
-    grid.as_ref().map_or(Ok(()), |grid| check_on_grid(&grid.0, &volumes))?;
+    let py = radiance.py();
+    let network = match network {
+        Some(network) => network.clone(),
+        None => Bound::new(py, Network::load(py, io::GENERAL_WEIGHTS.into(), false)?)?,
+    };
+    let network = network.get();
+    let given = Given { views, light, standard_error, saturated };
     let mut request = Request {
-        observation: observation(
-            radiance,
-            views,
-            Some(Light(network.light(light)?)),
-            standard_error,
-            saturated,
-        )?,
-        mask: mask.map(|mask| booleans(mask, "mask", VOLUME)).transpose()?,
-        truth: optional(truth, "truth")?,
+        observation: observation(radiance, given, |_| network.default_light())?,
+        mask: mask.map(|values| crate::array::mask(values, "mask")).transpose()?,
+        truth: truth.map(|values| volume(values, "truth")).transpose()?,
         settings: keywords(py, settings)?,
     };
     if quick {
         request.settings = request.settings.quick();
     }
-    warn_of_neglected(py, &request.observation.light)?;
     let network = network.inner();
-    let solved = compute(py, move |stop| {
-        let grid = match grid {
-            Some(grid) => grid.0,
-            None => network_grid(&network, &request.observation)?,
-        };
-        request.solve(grid, stop, |problem, models, settings| {
-            if quick {
-                *models = models.clone().quick();
-            }
-            inversion::hybrid(problem, &network, models, settings, &Stopped(stop))
-        })
-    })?;
-    give_reconstruction(py, solved)
-}
-
-fn observation(
-    radiance: &Bound<'_, PyAny>,
-    views: ViewSequence,
-    light: Option<Light>,
-    standard_error: Option<&Bound<'_, PyAny>>,
-    saturated: Option<&Bound<'_, PyAny>>,
-) -> PyResult<Observation> {
-    let images = [
-        (Some(radiance), "radiance"),
-        (standard_error, "standard_error"),
-        (saturated, "saturated"),
-    ];
-    check_same(&images, IMAGES)?;
-    let images = ViewStack::new(Floats::new(radiance, "radiance", IMAGES)?.to_owned());
-    let light = or_default(light);
-    let mut observation =
-        images.and_then(|images| Observation::new(light, views.0, images)).map_err(raise)?;
-    if let Some(errors) = standard_error {
-        let errors = Floats::new(errors, "standard_error", IMAGES)?.to_owned();
-        observation.standard_error = Some(ViewStack::of_errors(errors).map_err(raise)?);
-    }
-    match saturated {
-        None => Ok(observation),
-        Some(marks) => {
-            observation.with_saturated(booleans(marks, "saturated", IMAGES)?).map_err(raise)
+    let grid = match grid {
+        Some(Grid(grid)) => grid,
+        None => network_grid(&network, &request.observation).map_err(raise)?,
+    };
+    request.solve(py, grid, &progress, move |problem, models, settings, watch| {
+        if quick {
+            *models = models.clone().quick();
         }
-    }
-}
-
-fn optional(volume: Option<&Bound<'_, PyAny>>, name: &str) -> PyResult<Option<Array3<f32>>> {
-    volume.map(|volume| Ok(Floats::new(volume, name, VOLUME)?.to_owned())).transpose()
+        inversion::hybrid(problem, &network, models, settings, watch)
+    })
 }
 
 fn keywords(py: Python<'_>, settings: Option<&Bound<'_, PyDict>>) -> PyResult<InversionSettings> {
     let nothing = PyDict::new(py);
     read(settings.unwrap_or(&nothing))
-}
-
-fn give_reconstruction(py: Python<'_>, solved: Solved) -> PyResult<Reconstruction> {
-    let Solved { answer, mask, warnings } = solved;
-    for warning in &warnings {
-        warn(py, warning)?;
-    }
-    let text = |value: serde_json::Result<String>| value.expect("plain numbers and text");
-    let history = text(serde_json::to_string(&answer.history));
-    let ending = text(serde_json::to_string(&answer.ending)).trim_matches('"').to_owned();
-    Ok(Reconstruction {
-        extinction: give(py, answer.extinction.values),
-        mask: give(py, mask.values),
-        history: py.import("json")?.call_method1("loads", (history,))?.unbind(),
-        ending,
-    })
 }

@@ -10,10 +10,16 @@ mod carve;
 mod cloud;
 mod compute;
 mod error;
+mod estimate;
+mod exchange;
 mod grid;
 mod invert;
 mod light;
 mod network;
+mod number;
+mod observation;
+mod plot;
+mod record;
 mod render;
 mod score;
 mod sense;
@@ -32,11 +38,15 @@ mod _deepct {
     }
 
     #[pymodule_export]
-    use crate::carve::{Carved, carve};
+    use crate::carve::{Carved, carve, read_mask};
     #[pymodule_export]
-    use crate::cloud::{Cloud, generate_cloud};
+    use crate::cloud::{Cloud, generate_cloud, import_cloud, read_cloud};
+    #[pymodule_export]
+    use crate::compute::set_threads;
     #[pymodule_export]
     use crate::error::DeepctError;
+    #[pymodule_export]
+    use crate::estimate::{Estimate, read_volume};
     #[pymodule_export]
     use crate::grid::Grid;
     #[pymodule_export]
@@ -46,11 +56,15 @@ mod _deepct {
     #[pymodule_export]
     use crate::network::Network;
     #[pymodule_export]
+    use crate::observation::{Observation, read_images};
+    #[pymodule_export]
+    use crate::plot::{Figure, plot};
+    #[pymodule_export]
     use crate::render::{Rendering, render};
     #[pymodule_export]
     use crate::score::{Scores, score};
     #[pymodule_export]
-    use crate::sense::{Sensed, Sensor, sense};
+    use crate::sense::{Exposure, Sensed, Sensor, sense};
     #[pymodule_export]
     use crate::view::{View, Views, camera_from_ecef};
 }

@@ -1,14 +1,17 @@
 //! `Light`: the scene illumination, that is, all properties of a scene except the cloud.
 
 use crate::error::raise;
-use deepct_core::scene;
-use pyo3::exceptions::{PyAttributeError, PyTypeError};
+use crate::exchange::through_file;
+use crate::number::reals;
+use crate::record::{Record, record};
+use deepct_core::image::ViewStack;
+use deepct_core::{io, scene};
+use numpy::ndarray::Array3;
+use pyo3::exceptions::{PyTypeError, PyUserWarning, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use std::collections::BTreeMap;
-
-/// Values by their keys in the library, such as `optics.phase`.
-type Values = BTreeMap<String, toml::Value>;
+use std::ffi::CString;
+use std::path::Path;
 
 /// Scene illumination: Sun, wavelength, droplet optics, molecular atmosphere, surface and lateral
 /// boundaries. All parameters are keywords; the value after each type is the default.
@@ -19,6 +22,8 @@ type Values = BTreeMap<String, toml::Value>;
 ///     Angle between the zenith and the Sun (degrees), in [0, 90).
 /// sun_azimuth_deg : float, 45
 ///     Azimuth of the direction towards the Sun, clockwise from north (degrees).
+/// sun : (float, float), optional
+///     Both angles: zenith and azimuth (degrees), in place of the two keywords above.
 /// solar_irradiance : float, 1
 ///     Solar irradiance on a surface normal to the beam; radiances have this unit per steradian.
 /// wavelength : float, 0.672
@@ -50,6 +55,8 @@ type Values = BTreeMap<String, toml::Value>;
 ///     Effective variance of the droplet size distribution (only for "mie").
 /// effective_radius : float, optional
 ///     Effective radius of all droplets (um) (only for "mie").
+/// assumed : sequence of str
+///     The keywords whose values are not known; files do not state them.
 ///
 /// Raises
 /// ------
@@ -57,125 +64,216 @@ type Values = BTreeMap<String, toml::Value>;
 ///     A keyword is unknown.
 /// ValueError
 ///     A value has the wrong type or is out of range.
-#[pyclass(frozen, eq, from_py_object, module = "deepct_py")]
-#[derive(Clone, PartialEq)]
-pub(crate) struct Light(pub(crate) scene::Light);
+///
+/// Examples
+/// --------
+/// >>> light = deepct_py.Light(sun=(40, 120), air=True)
+/// >>> light.sun_zenith_deg, light.wavelength
+/// (40.0, 0.672)
+#[pyclass(frozen, from_py_object, module = "deepct_py")]
+#[derive(Clone)]
+pub(crate) struct Light {
+    pub(crate) core: scene::Light,
+    /// Keys of the values that are assumed because they are not known.
+    pub(crate) assumed: Vec<String>,
+}
+
+record!(Light);
+
+impl Record for Light {
+    fn arguments<'py>(of: &Bound<'py, Self>) -> PyResult<Bound<'py, PyDict>> {
+        let arguments = of.get().to_dict(of.py())?;
+        if !of.get().assumed.is_empty() {
+            arguments.set_item("assumed", of.get().assumed())?;
+        }
+        Ok(arguments)
+    }
+}
 
 #[pymethods]
 impl Light {
     #[new]
     #[pyo3(
-        signature = (**values),
-        text_signature = "(*, sun_zenith_deg=30.0, sun_azimuth_deg=45.0, solar_irradiance=1.0, \
-                          wavelength=0.672, air=False, surface_albedo=0.05, \
-                          surface_altitude_km=0.0, wind_speed=None, periodic=False, phase='hg', \
-                          extinction='geometric', asymmetry=0.86, single_scattering_albedo=1.0, \
-                          distribution='gamma', bandwidth=0.0, effective_variance=None, \
-                          effective_radius=None)",
+        signature = (*, sun = None, assumed = Vec::new(), **values),
+        text_signature = "(*, sun_zenith_deg=30.0, sun_azimuth_deg=45.0, sun=None, \
+                          solar_irradiance=1.0, wavelength=0.672, air=False, \
+                          surface_albedo=0.05, surface_altitude_km=0.0, wind_speed=None, \
+                          periodic=False, phase='hg', extinction='geometric', asymmetry=0.86, \
+                          single_scattering_albedo=1.0, distribution='gamma', bandwidth=0.0, \
+                          effective_variance=None, effective_radius=None, assumed=())",
     )]
-    fn new(values: Option<&Bound<'_, PyDict>>) -> PyResult<Self> {
-        Self(scene::Light::default()).replace(values)
+    fn new(
+        py: Python<'_>,
+        sun: Option<&Bound<'_, PyAny>>,
+        assumed: Vec<String>,
+        values: Option<&Bound<'_, PyDict>>,
+    ) -> PyResult<Self> {
+        let values = values.map_or_else(|| Ok(PyDict::new(py)), |values| values.copy())?;
+        if let Some(sun) = sun {
+            let [zenith, azimuth] = reals(sun, "sun", ["zenith", "azimuth"])?;
+            for (name, angle) in [("sun_zenith_deg", zenith), ("sun_azimuth_deg", azimuth)] {
+                if values.contains(name)? {
+                    return Err(PyTypeError::new_err(format!("give either sun or {name}")));
+                }
+                values.set_item(name, angle)?;
+            }
+        }
+        let light = Self::from(scene::Light::default()).replace(Some(&values))?;
+        let assumed = assumed.iter().map(|name| key(name)).collect::<PyResult<Vec<&str>>>()?;
+        Ok(Self { assumed: assumed.into_iter().map(str::to_owned).collect(), ..light })
     }
 
     /// The scene illumination stored in an image file that was opened with xarray. Values that the
-    /// file does not state have their defaults and are listed in a warning.
+    /// file does not state have their defaults and are listed in a warning and in `assumed`.
     #[staticmethod]
     fn from_dataset(dataset: &Bound<'_, PyAny>) -> PyResult<Self> {
-        let py = dataset.py();
-        let mut values = Values::new();
-        for (name, key) in [
-            ("sun_zenith_deg", "sun_zenith_deg"),
-            ("sun_azimuth_deg", "sun_azimuth_deg"),
-            ("sun_irradiance", "solar_irradiance"),
-            ("wavelength", "wavelength"),
-        ] {
-            let number = dataset.get_item(name)?.call_method0("item")?.extract::<f64>()?;
-            values.insert(key.to_owned(), toml::Value::Float(number));
-        }
-        if dataset.contains("light")? {
-            let attributes = dataset.get_item("light")?.getattr("attrs")?;
-            for key in scene::Light::keys() {
-                let name = key.replace('.', "_");
-                if attributes.contains(&name)? {
-                    values.insert((*key).to_owned(), value(&attributes.get_item(&name)?, &name)?);
-                }
-            }
-        }
-        let missing: Vec<&str> = scene::Light::required_keys()
-            .iter()
-            .filter(|key| !values.contains_key(**key))
-            .map(|key| plain(key))
-            .collect();
-        if !missing.is_empty() {
-            let text =
-                format!("the file does not state {}: defaults are assumed", missing.join(", "));
-            py.import("warnings")?.call_method1("warn", (text,))?;
-        }
-        scene::Light::default().with_values(&values).map(Self).map_err(raise)
+        let light = through_file(dataset, Self::read)?.ok_or_else(|| {
+            PyValueError::new_err("the data set has no scene illumination, such as sun_zenith_deg")
+        })?;
+        light.warn_of_assumed(dataset.py())?;
+        Ok(light)
+    }
+
+    /// Zenith angle of the Sun and azimuth towards it, clockwise from north (degrees).
+    #[getter]
+    fn sun(&self) -> (f64, f64) {
+        (self.core.sun.zenith.to_degrees(), self.core.sun.azimuth.to_degrees())
+    }
+
+    /// The names of the values that are assumed because they are not known, for example because the
+    /// file of the images does not state them.
+    #[getter]
+    fn assumed(&self) -> Vec<&str> {
+        self.assumed.iter().map(|key| plain(key)).collect()
     }
 
     /// A copy with other values of the given keywords.
     #[pyo3(signature = (**values), text_signature = "($self, **values)")]
     fn replace(&self, values: Option<&Bound<'_, PyDict>>) -> PyResult<Self> {
-        let mut given = self.0.values();
+        let mut given = self.core.values();
+        let mut assumed = self.assumed.clone();
         for (name, object) in values.into_iter().flatten() {
             let name: String = name.extract()?;
-            let Some(key) = scene::Light::keys().iter().find(|key| plain(key) == name) else {
-                let names: Vec<_> = scene::Light::keys().iter().map(|key| plain(key)).collect();
-                let text = format!("Light has no \"{name}\"; it has {}", names.join(", "));
-                return Err(PyTypeError::new_err(text));
-            };
+            let key = key(&name)?;
             match object.is_none() {
-                true => given.remove(*key),
-                false => given.insert((*key).to_owned(), value(&object, &name)?),
+                true => given.remove(key),
+                false => given.insert(key.to_owned(), value(&object, &name)?),
             };
+            assumed.retain(|unknown| unknown != key);
         }
-        scene::Light::default().with_values(&given).map(Self).map_err(raise)
+        let core = scene::Light::default().with_values(&given).map_err(raise)?;
+        Ok(Self { core, assumed })
     }
 
     /// The values by keyword. Optional values that are not set are absent.
     fn to_dict<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let values = PyDict::new(py);
-        for (key, value) in self.0.values() {
+        for (key, value) in self.core.values() {
             values.set_item(plain(&key), object(py, &value)?)?;
         }
         Ok(values)
     }
+}
 
-    fn __getattr__(&self, py: Python<'_>, name: &str) -> PyResult<Py<PyAny>> {
-        let Some(key) = scene::Light::keys().iter().find(|key| plain(key) == name) else {
-            return Err(PyAttributeError::new_err(format!("Light has no attribute \"{name}\"")));
-        };
-        match self.0.values().get(*key) {
-            Some(value) => object(py, value),
-            None => Ok(py.None()),
+/// Defines the attributes of a light by their documentation and names.
+macro_rules! values {
+    ($($doc:literal $name:ident)*) => {
+        #[pymethods]
+        impl Light {
+            $(
+                #[doc = $doc]
+                #[getter]
+                fn $name(&self, py: Python<'_>) -> PyResult<Py<PyAny>> {
+                    let values = self.core.values();
+                    let value = values.get(key(stringify!($name))?);
+                    value.map_or_else(|| Ok(py.None()), |value| object(py, value))
+                }
+            )*
         }
-    }
+    };
+}
 
-    fn __repr__(&self) -> String {
-        let values = self.0.values().into_iter();
-        let pairs: Vec<_> = values
-            .map(|(key, value)| match value {
-                toml::Value::Boolean(true) => format!("{}=True", plain(&key)),
-                toml::Value::Boolean(false) => format!("{}=False", plain(&key)),
-                value => format!("{}={value}", plain(&key)),
-            })
-            .collect();
-        format!("Light({})", pairs.join(", "))
+values! {
+    "Angle between the zenith and the Sun (degrees)." sun_zenith_deg
+    "Azimuth of the direction towards the Sun, clockwise from north (degrees)." sun_azimuth_deg
+    "Solar irradiance on a surface normal to the beam." solar_irradiance
+    "Wavelength (um)." wavelength
+    "Whether the scene includes the molecular (Rayleigh-scattering) atmosphere." air
+    "Lambertian albedo of the surface." surface_albedo
+    "Altitude of the surface (km)." surface_altitude_km
+    "Wind speed over the ocean (m/s); None for a surface without waves." wind_speed
+    "Whether the scene is periodic in the horizontal directions." periodic
+    "Phase function: \"hg\" (Henyey and Greenstein), \"mie\" or \"isotropic\"." phase
+    "Extinction efficiency for clouds given by their droplets: \"geometric\" (2) or \"mie\"." extinction
+    "Asymmetry parameter (only for the phase function \"hg\")." asymmetry
+    "Single-scattering albedo (only for \"hg\" and \"isotropic\")." single_scattering_albedo
+    "Shape of the droplet size distribution: \"gamma\" or \"lognormal\"." distribution
+    "Width of the spectral band (um) centred on the wavelength." bandwidth
+    "Effective variance of the droplet size distribution; None for that of the cloud, or 0.1." effective_variance
+    "Effective radius of all droplets (um); None for that of the cloud." effective_radius
+}
+
+impl From<scene::Light> for Light {
+    fn from(core: scene::Light) -> Self {
+        Self { core, assumed: Vec::new() }
     }
 }
 
-/// The light given as an argument, or the default.
-pub(crate) fn or_default(light: Option<Light>) -> scene::Light {
-    light.map_or_else(scene::Light::default, |light| light.0)
+impl Light {
+    /// The scene illumination in a file; `None` if it has none.
+    pub(crate) fn read(path: &Path) -> PyResult<Option<Self>> {
+        let found = io::read_light(path).map_err(raise)?;
+        Ok(found.map(|(core, assumed)| Self { core, assumed }))
+    }
+
+    /// Warns of the values that are assumed.
+    pub(crate) fn warn_of_assumed(&self, py: Python<'_>) -> PyResult<()> {
+        if self.assumed.is_empty() {
+            return Ok(());
+        }
+        let names = self.assumed().join(", ");
+        let text = format!("the file does not state {names}: defaults are assumed");
+        warn(py, &text)
+    }
+
+    /// An observation with this light and without images, which files of volumes refer to.
+    pub(crate) fn of_no_images(&self) -> scene::Observation {
+        scene::Observation {
+            light: self.core.clone(),
+            assumed: self.assumed.clone(),
+            views: Vec::new(),
+            images: ViewStack { values: Array3::zeros((0, 0, 0)) },
+            standard_error: None,
+            saturated: None,
+            incomplete: false,
+        }
+    }
 }
 
 /// Warns of what the discrete-ordinates solver neglects.
 pub(crate) fn warn_of_neglected(py: Python<'_>, light: &scene::Light) -> PyResult<()> {
     for warning in light.neglected_by_ordinates() {
-        py.import("warnings")?.call_method1("warn", (warning,))?;
+        warn(py, warning)?;
     }
     Ok(())
+}
+
+/// Issues a warning.
+pub(crate) fn warn(py: Python<'_>, warning: &str) -> PyResult<()> {
+    let text = CString::new(warning).expect("no zero byte");
+    PyErr::warn(py, &py.get_type::<PyUserWarning>(), &text, 1)
+}
+
+/// The key of the library for a keyword of Python.
+///
+/// # Errors
+/// `TypeError` if there is none.
+fn key(name: &str) -> PyResult<&'static str> {
+    let keys = scene::Light::keys();
+    keys.iter().find(|key| plain(key) == name).copied().ok_or_else(|| {
+        let names: Vec<_> = keys.iter().map(|key| plain(key)).collect();
+        PyTypeError::new_err(format!("Light has no \"{name}\"; it has {}", names.join(", ")))
+    })
 }
 
 /// The Python keyword for a key of the library.

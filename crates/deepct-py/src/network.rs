@@ -1,34 +1,90 @@
 //! `Network`: estimation of the extinction by the neural network.
 
-use crate::array::{Floats, IMAGES, VOLUME, booleans, check_on_grid, give};
-use crate::compute::compute;
+use crate::compute::quickly;
 use crate::error::raise;
+use crate::estimate::Estimate;
 use crate::grid::Grid;
-use crate::light::{Light, or_default};
+use crate::light::{Light, warn};
+use crate::observation::{Given, observation};
+use crate::record::{Record, record};
 use crate::view::ViewSequence;
 use deepct_core::grid::Mask;
-use deepct_core::image::ViewStack;
-use deepct_core::network::{Estimator, TrainedWeights};
+use deepct_core::network::{self, Estimator, TrainedWeights};
 use deepct_core::scene::{self, Observation, View, imaging_geometry};
 use deepct_core::{Error, Result, io};
 use numpy::PyArray3;
-use pyo3::exceptions::PyUserWarning;
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
+use pyo3::types::{PyBytes, PyDict};
 use std::collections::BTreeMap;
-use std::ffi::CString;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// Values of a volume, `[z, y, x]`.
-type Field = Py<PyArray3<f32>>;
-
 /// A neural network with its weights. Construct it with `Network.load`.
+///
+/// Examples
+/// --------
+/// >>> network = deepct_py.Network.load("cloudct-10")
+/// >>> network.metadata["formation"]
+/// 'cloudct-10'
 #[pyclass(frozen, module = "deepct_py")]
-pub(crate) struct Network(Arc<Estimator>);
+pub(crate) struct Network {
+    estimator: Arc<Estimator>,
+    source: Source,
+    force: bool,
+}
+
+/// What the weights of a network can be read from again.
+#[derive(Clone)]
+enum Source {
+    /// The name of built-in weights.
+    BuiltIn(String),
+    /// The contents of a file.
+    Bytes(Vec<u8>),
+}
+
+record!(Network);
+
+impl Record for Network {
+    fn arguments<'py>(of: &Bound<'py, Self>) -> PyResult<Bound<'py, PyDict>> {
+        let arguments = PyDict::new(of.py());
+        match &of.get().source {
+            Source::BuiltIn(name) => arguments.set_item("weights", name)?,
+            Source::Bytes(bytes) => {
+                arguments.set_item("weights", PyBytes::new(of.py(), bytes))?;
+            }
+        }
+        arguments.set_item("force", of.get().force)?;
+        Ok(arguments)
+    }
+}
+
+impl Network {
+    fn of(weights: TrainedWeights, source: Source, force: bool) -> Self {
+        let estimator = Estimator::new(weights);
+        let estimator = if force { estimator.outside_training() } else { estimator };
+        Self { estimator: Arc::new(estimator), source, force }
+    }
+}
 
 #[pymethods]
 impl Network {
+    /// A network from the name or path that `load` accepts, or from the contents of a weights file.
+    #[new]
+    #[pyo3(
+        signature = (weights = Weights::Name(io::GENERAL_WEIGHTS.into()), *, force = false),
+        text_signature = "(weights='general', *, force=False)",
+    )]
+    fn new(py: Python<'_>, weights: Weights, force: bool) -> PyResult<Self> {
+        match weights {
+            Weights::Name(name) => Self::load(py, name.into(), force),
+            Weights::Contents(bytes) => {
+                let parse = || io::parse_trained_weights(&bytes, Path::new("weights"));
+                let weights = quickly(py, parse)?;
+                Ok(Self::of(weights, Source::Bytes(bytes), force))
+            }
+        }
+    }
+
     /// Load a network from a weights file (safetensors), or a built-in network by its name.
     ///
     /// Parameters
@@ -47,11 +103,26 @@ impl Network {
     /// DeepctError
     ///     The file is damaged or does not contain weights of deepct.
     #[staticmethod]
-    #[pyo3(signature = (name_or_path = PathBuf::from(io::GENERAL_WEIGHTS), *, force = false))]
-    fn load(py: Python<'_>, name_or_path: PathBuf, force: bool) -> PyResult<Self> {
-        let weights = compute(py, move |_| io::load_trained_weights(&name_or_path))?;
-        let estimator = Estimator::new(weights);
-        Ok(Self(Arc::new(if force { estimator.outside_training() } else { estimator })))
+    #[pyo3(
+        signature = (name_or_path = PathBuf::from(io::GENERAL_WEIGHTS), *, force = false),
+        text_signature = "(name_or_path='general', *, force=False)",
+    )]
+    pub(crate) fn load(py: Python<'_>, name_or_path: PathBuf, force: bool) -> PyResult<Self> {
+        let name = name_or_path.to_string_lossy().into_owned();
+        let is_built_in = io::built_in_weights().any(|known| known == name);
+        let (weights, source) = quickly(py, || {
+            let weights = io::load_trained_weights(&name_or_path)?;
+            Ok((
+                weights,
+                match is_built_in {
+                    true => Source::BuiltIn(name),
+                    false => Source::Bytes(
+                        std::fs::read(&name_or_path).map_err(Error::io(&name_or_path))?,
+                    ),
+                },
+            ))
+        })?;
+        Ok(Self::of(weights, source, force))
     }
 
     /// The names of the built-in networks, which `load` accepts in place of a file.
@@ -63,7 +134,7 @@ impl Network {
     /// The metadata of the weights file: view geometry, grid, training data and scores.
     #[getter]
     fn metadata<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
-        let text = match self.0.weights() {
+        let text = match self.estimator.weights() {
             TrainedWeights::Formation(weights) => serde_json::to_string(&weights.metadata),
             TrainedWeights::General(weights) => serde_json::to_string(&weights.metadata),
         };
@@ -83,40 +154,85 @@ impl Network {
     ///
     /// Parameters
     /// ----------
-    /// radiance : array, [view, row, col]
+    /// radiance : Observation, or array [view, row, col]
     ///     Images (1/sr).
-    /// views : Views or sequence of View
-    ///     The camera geometry of each image.
+    /// views : Views or sequence of View, optional
+    ///     The camera geometry of each image, unless the images are an observation.
     /// light : Light, optional
-    ///     Scene illumination of the images; only Sun and wavelength are used. Required for general
-    ///     weights; others accept one Sun only, by default that of `Light()`.
-    /// mask : array of bool, [z, y, x], optional
+    ///     Scene illumination of the images, unless they are an observation; only Sun and wavelength
+    ///     are used. Required for general weights; others accept one Sun only, by default that of
+    ///     `Light()`.
+    /// mask : array of bool [z, y, x], or Carved, optional
     ///     Cloud mask, for example from `carve`. The extinction is set to zero outside the mask.
     /// grid : Grid, optional
     ///     The grid of the estimate. General weights accept any grid. Default: `grid(views)`.
     ///
     /// Returns
     /// -------
-    /// numpy.ndarray, float32, [z, y, x]
-    ///     Extinction (1/km) on the grid.
+    /// Estimate
+    ///     The extinction and, if the network estimates it, its uncertainty.
     ///
     /// Raises
     /// ------
     /// ValueError
     ///     The images do not have the geometry that the network was trained for (the message
     ///     states the value that differs), or the mask has the wrong shape.
-    #[pyo3(signature = (radiance, views, light = None, *, mask = None, grid = None))]
-    fn infer(
+    ///
+    /// Examples
+    /// --------
+    /// >>> cloud = deepct_py.generate_cloud(seed=3, width_km=0.4)
+    /// >>> images = deepct_py.render(cloud, views="cloudct-10", solver="ordinates")
+    /// >>> estimate = deepct_py.Network.load("cloudct-10").estimate(images)
+    /// >>> estimate.extinction.shape == estimate.grid.shape
+    /// True
+    #[pyo3(signature = (radiance, views = None, light = None, *, mask = None, grid = None))]
+    fn estimate(
         &self,
-        py: Python<'_>,
         radiance: &Bound<'_, PyAny>,
-        views: ViewSequence,
+        views: Option<ViewSequence>,
         light: Option<Light>,
         mask: Option<&Bound<'_, PyAny>>,
         grid: Option<Grid>,
-    ) -> PyResult<Field> {
-        let estimate = self.estimate(py, radiance, views, light, mask, grid)?;
-        Ok(estimate.0)
+    ) -> PyResult<Estimate> {
+        let py = radiance.py();
+        let observation = self.observation(radiance, views, light)?;
+        let masked = mask.map(|values| crate::array::mask(values, "mask")).transpose()?;
+        let (mut estimate, unusual) = quickly(py, || {
+            let estimate = self.estimate_on(&observation, grid.as_ref())?;
+            let geometry = observation.imaging_geometry()?;
+            let unusual = self.estimator.unusual(&observation.images, &geometry, &estimate)?;
+            Ok((estimate, unusual))
+        })?;
+        if let Some(masked) = masked {
+            let grid = estimate.extinction.grid;
+            let mask = Mask::new(grid, masked.on(grid)?).map_err(raise)?;
+            mask.apply(&mut estimate.extinction).map_err(raise)?;
+            let uncertainty = estimate.uncertainty.as_mut();
+            uncertainty.map_or(Ok(()), |values| mask.apply(values)).map_err(raise)?;
+        }
+        for unusual in unusual {
+            warn(py, &format!("the network was not trained on such images: {unusual}"))?;
+        }
+        let light = Light { core: observation.light, assumed: observation.assumed };
+        Ok(Estimate::give(py, estimate, Some(light)))
+    }
+
+    /// The extinction of `estimate`, with the same parameters.
+    ///
+    /// Returns
+    /// -------
+    /// numpy.ndarray, float32, [z, y, x]
+    ///     Extinction (1/km) on the grid.
+    #[pyo3(signature = (radiance, views = None, light = None, *, mask = None, grid = None))]
+    fn infer(
+        &self,
+        radiance: &Bound<'_, PyAny>,
+        views: Option<ViewSequence>,
+        light: Option<Light>,
+        mask: Option<&Bound<'_, PyAny>>,
+        grid: Option<Grid>,
+    ) -> PyResult<Py<PyArray3<f32>>> {
+        Ok(self.estimate(radiance, views, light, mask, grid)?.into_extinction())
     }
 
     /// Statistics of images, for general weights. `estimate` and `infer` warn if one of them is
@@ -131,101 +247,68 @@ impl Network {
     ///     "explained", or "explained_few" for at most five views: the mean over the views of the
     ///     correlation of the image with 1 - exp(-t / 8), where t is the optical depth of the
     ///     estimate along the lines of sight.
-    #[pyo3(signature = (radiance, views, light = None, *, grid = None))]
+    #[pyo3(signature = (radiance, views = None, light = None, *, grid = None))]
     fn image_statistics(
         &self,
-        py: Python<'_>,
         radiance: &Bound<'_, PyAny>,
-        views: ViewSequence,
+        views: Option<ViewSequence>,
         light: Option<Light>,
         grid: Option<Grid>,
     ) -> PyResult<BTreeMap<String, f64>> {
-        let radiance = Floats::new(radiance, "radiance", IMAGES)?.to_owned();
-        let light = self.light(light)?;
-        let network = self.inner();
-        compute(py, move |_| {
-            let observation = Observation::new(light, views.0, ViewStack::new(radiance)?)?;
+        let observation = self.observation(radiance, views, light)?;
+        quickly(radiance.py(), || {
+            let estimate = self.estimate_on(&observation, grid.as_ref())?;
             let geometry = observation.imaging_geometry()?;
-            let grid = grid.as_ref().map(|grid| &grid.0);
-            let estimate = network.estimate(&observation.images, &geometry, grid)?;
-            network.image_statistics(&observation.images, &geometry, &estimate)
+            self.estimator.image_statistics(&observation.images, &geometry, &estimate)
         })
-    }
-
-    /// Estimate the extinction and its uncertainty. The parameters are those of `infer`.
-    ///
-    /// Returns
-    /// -------
-    /// extinction : numpy.ndarray, float32, [z, y, x]
-    ///     Extinction (1/km) on `grid(views)`.
-    /// uncertainty : numpy.ndarray, float32, [z, y, x], or None
-    ///     Expected absolute error of the extinction of each voxel (1/km); None if the network
-    ///     does not estimate it.
-    #[pyo3(signature = (radiance, views, light = None, *, mask = None, grid = None))]
-    fn estimate(
-        &self,
-        py: Python<'_>,
-        radiance: &Bound<'_, PyAny>,
-        views: ViewSequence,
-        light: Option<Light>,
-        mask: Option<&Bound<'_, PyAny>>,
-        grid: Option<Grid>,
-    ) -> PyResult<(Field, Option<Field>)> {
-        let radiance = Floats::new(radiance, "radiance", IMAGES)?.to_owned();
-        grid.as_ref().map_or(Ok(()), |grid| check_on_grid(&grid.0, &[(mask, "mask")]))?;
-        let mask = mask.map(|mask| booleans(mask, "mask", VOLUME)).transpose()?;
-        let light = self.light(light)?;
-        let network = self.inner();
-        let (estimate, unusual) = compute(py, move |_| {
-            let observation = Observation::new(light, views.0, ViewStack::new(radiance)?)?;
-            let geometry = observation.imaging_geometry()?;
-            let grid = grid.as_ref().map(|grid| &grid.0);
-            let mut estimate = network.estimate(&observation.images, &geometry, grid)?;
-            let unusual = network.unusual(&observation.images, &geometry, &estimate)?;
-            if let Some(mask) = mask {
-                let mask = Mask::new(estimate.extinction.grid, mask)?;
-                mask.apply(&mut estimate.extinction)?;
-                estimate.uncertainty.as_mut().map_or(Ok(()), |values| mask.apply(values))?;
-            }
-            Ok((estimate, unusual))
-        })?;
-        for unusual in unusual {
-            let text = format!("the network was not trained on such images: {unusual}");
-            let text = CString::new(text).expect("no zero byte");
-            PyErr::warn(py, &py.get_type::<PyUserWarning>(), &text, 1)?;
-        }
-        let uncertainty = estimate.uncertainty.map(|volume| give(py, volume.values));
-        Ok((give(py, estimate.extinction.values), uncertainty))
-    }
-
-    fn __repr__(&self) -> String {
-        let (formation, layers) = match self.0.weights() {
-            TrainedWeights::Formation(weights) => {
-                (weights.metadata.formation.as_str(), weights.metadata.architecture.layers())
-            }
-            TrainedWeights::General(weights) => ("any", weights.metadata.architecture.layers),
-        };
-        format!("Network(formation=\"{formation}\", layers={layers})")
     }
 }
 
+/// What weights are read from.
+#[derive(FromPyObject)]
+enum Weights {
+    Name(String),
+    Contents(Vec<u8>),
+}
+
 impl Network {
-    /// The given light, or the default one for weights that accept no other Sun than its.
-    pub(crate) fn light(&self, light: Option<Light>) -> PyResult<scene::Light> {
-        if light.is_none() && self.0.weights().formation().is_none() {
+    /// The light of an argument that is not given: the default one for weights that accept no other
+    /// Sun than its.
+    pub(crate) fn default_light(&self) -> PyResult<Light> {
+        if self.estimator.weights().formation().is_none() {
             let range = "given: general weights need the direction of the Sun";
             return Err(raise(Error::out_of_range("light", "missing", range)));
         }
-        Ok(or_default(light))
+        Ok(scene::Light::default().into())
     }
 
     /// The network of the library.
     pub(crate) fn inner(&self) -> Arc<Estimator> {
-        self.0.clone()
+        self.estimator.clone()
+    }
+
+    /// The images of an argument, for this network.
+    fn observation(
+        &self,
+        radiance: &Bound<'_, PyAny>,
+        views: Option<ViewSequence>,
+        light: Option<Light>,
+    ) -> PyResult<Observation> {
+        let given = Given { views, light, standard_error: None, saturated: None };
+        observation(radiance, given, |_| self.default_light())
+    }
+
+    fn estimate_on(
+        &self,
+        observation: &Observation,
+        grid: Option<&Grid>,
+    ) -> Result<network::Estimate> {
+        let grid = grid.map(|grid| &grid.0);
+        self.estimator.estimate(&observation.images, &observation.imaging_geometry()?, grid)
     }
 
     fn grid_of(&self, views: &[View]) -> Result<deepct_core::grid::Grid> {
         let geometry = imaging_geometry(&scene::Light::default(), views)?;
-        self.0.grid(&geometry, [views[0].rows, views[0].cols])
+        self.estimator.grid(&geometry, [views[0].rows, views[0].cols])
     }
 }

@@ -1,49 +1,76 @@
 //! `render`: simulation of the images of an extinction field.
 
-use crate::array::{Floats, VOLUME, check_on_grid, give};
-use crate::compute::{Stopped, compute};
+use crate::array::volume;
+use crate::cloud::Cloud;
+use crate::compute::{Progress, at_length};
 use crate::error::raise;
 use crate::grid::Grid;
-use crate::light::{Light, or_default, warn_of_neglected};
-use crate::view::ViewSequence;
-use deepct_core::Error;
-use deepct_core::cloud::Cloud;
+use crate::light::{Light, warn, warn_of_neglected};
+use crate::number::{whole, whole_if_given};
+use crate::observation::{Observation, PARTS};
+use crate::record::{Record, attributes, record};
+use crate::view::{ViewSequence, Views};
 use deepct_core::grid::Volume;
 use deepct_core::optics::Interpolation;
-use deepct_core::scene::{Boundary, PhaseModel};
+use deepct_core::scene::{self, Boundary, PhaseModel};
 use deepct_core::transport::{self, MonteCarloSettings, OrdinatesSettings, Solver};
-use numpy::PyArray3;
+use deepct_core::{Error, Result, cloud};
 use numpy::ndarray::{Array3, Axis};
-use pyo3::exceptions::{PyUserWarning, PyValueError};
+use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
-use std::ffi::CString;
+use pyo3::types::PyDict;
+use std::path::PathBuf;
 
 /// Photon paths per pixel if neither their number nor the noise is given.
-const SAMPLES: u32 = 256;
+const SAMPLES: u32 = 1024;
 /// Maximum number of photon paths per pixel if the noise is given.
 const MOST_SAMPLES: u32 = 1 << 24;
 
-/// Simulated images of a scene.
+/// Simulated images of a scene: an observation, and how it was computed. Its standard error is None for
+/// the discrete-ordinates solver.
 ///
-/// Attributes
-/// ----------
-/// radiance : numpy.ndarray, float32, [view, row, col]
-///     Radiance (1/sr for a solar irradiance of 1), averaged over the area of each pixel.
-/// standard_error : numpy.ndarray, float32, [view, row, col], or None
-///     Standard error of each pixel (1/sr); None for the discrete-ordinates solver.
-/// samples_per_pixel : int
-///     Number of photon paths per pixel; 0 for the discrete-ordinates solver.
-/// light : Light
-///     Scene illumination of the images, with the mean effective radius of the droplets.
-/// estimated_error : float or None
-///     Estimated relative error of the bright pixels by the deterministic solver.
-#[pyclass(frozen, module = "deepct_py", get_all)]
+/// Constructed by `render`; the arguments are those of `Observation` and the attributes.
+#[pyclass(frozen, extends = Observation, module = "deepct_py")]
 pub(crate) struct Rendering {
-    radiance: Py<PyArray3<f32>>,
-    standard_error: Option<Py<PyArray3<f32>>>,
+    /// Number of photon paths per pixel; 0 for the discrete-ordinates solver.
+    #[pyo3(get)]
     samples_per_pixel: u32,
-    light: Light,
+    /// Relative error of the bright pixels as estimated by the discrete-ordinates solver; None if it is
+    /// not estimated.
+    #[pyo3(get)]
     estimated_error: Option<f64>,
+}
+
+record!(Rendering);
+
+impl Record for Rendering {
+    fn arguments<'py>(of: &Bound<'py, Self>) -> PyResult<Bound<'py, PyDict>> {
+        let own = ["samples_per_pixel", "estimated_error"];
+        attributes(of.as_any(), &[&PARTS[..], &own[..]].concat())
+    }
+}
+
+#[pymethods]
+impl Rendering {
+    #[new]
+    #[pyo3(signature = (
+        radiance, views, light = None, *, standard_error = None, saturated = None,
+        samples_per_pixel, estimated_error = None,
+    ))]
+    fn new(
+        radiance: &Bound<'_, PyAny>,
+        views: ViewSequence,
+        light: Option<Light>,
+        standard_error: Option<Bound<'_, PyAny>>,
+        saturated: Option<Bound<'_, PyAny>>,
+        samples_per_pixel: &Bound<'_, PyAny>,
+        estimated_error: Option<f64>,
+    ) -> PyResult<PyClassInitializer<Self>> {
+        let samples_per_pixel = whole(samples_per_pixel, "samples_per_pixel")?;
+        let images = Observation::new(radiance, views, light, standard_error, saturated)?;
+        let rendering = Self { samples_per_pixel, estimated_error };
+        Ok(PyClassInitializer::from(images).add_subclass(rendering))
+    }
 }
 
 /// Simulate images of an extinction field.
@@ -55,20 +82,23 @@ pub(crate) struct Rendering {
 ///
 /// Parameters
 /// ----------
-/// extinction : array, [z, y, x]
-///     Extinction (1/km).
-/// grid : Grid
-///     The grid of the extinction.
-/// views : Views or sequence of View
-///     The cameras, all with the same image size.
+/// extinction : Cloud, Estimate, Reconstruction, or array [z, y, x]
+///     The cloud, or an extinction (1/km). The droplets of a `Cloud` are used if the light refers to
+///     Mie theory.
+/// grid : Grid, optional
+///     The grid of the extinction. By default that of the object, or that of the coordinates of an
+///     xarray object.
+/// views : Views, sequence of View, str or path
+///     The cameras, all with the same image size; or the name or file of a formation as in
+///     `Views.load`, which points at the centre of the grid and takes one pixel for each column.
 /// light : Light, optional
 ///     Scene illumination: Sun, wavelength, droplet optics, molecular atmosphere and surface.
 ///     Default: `Light()`.
 /// solver : str
-///     "monte-carlo" or "ordinates". The parameters `samples_per_pixel`, `noise`, `seed` and
+///     "monte-carlo" or "ordinates". The parameters `samples`, `noise`, `seed` and
 ///     `similarity_after` are for "monte-carlo", `accuracy` and `estimate_error` for "ordinates".
-/// samples_per_pixel : int, optional
-///     Number of photon paths per pixel; if `noise` is given, the maximum number. Default: 256,
+/// samples : int, optional
+///     Number of photon paths per pixel; if `noise` is given, the maximum number. Default: 1024,
 ///     or as many as required to reach `noise`.
 /// noise : float, optional
 ///     Add photon paths until the relative standard error of the bright pixels has fallen to this
@@ -91,6 +121,10 @@ pub(crate) struct Rendering {
 /// estimate_error : bool
 ///     Whether the "ordinates" solver estimates its error from a second, coarser solution, which
 ///     takes 6 to 50 % of the time.
+/// progress : bool or callable
+///     True shows a line of progress on the standard error. A function is called from time to time with
+///     a dict that has the keys `share`, `samples` and `noise`; an exception that it raises ends the
+///     computation.
 ///
 /// Returns
 /// -------
@@ -101,59 +135,77 @@ pub(crate) struct Rendering {
 /// ValueError
 ///     The shape of an array is not that of the grid, an extinction is negative or not finite, a
 ///     trilinear field is not surrounded by clear voxels, or a parameter is out of range.
+///
+/// Examples
+/// --------
+/// >>> cloud = deepct_py.generate_cloud(seed=3, width_km=0.4)
+/// >>> light = deepct_py.Light(sun=(40, 120))
+/// >>> images = deepct_py.render(cloud, views="cloudct-10", light=light, samples=16)
+/// >>> images.radiance.shape
+/// (10, 32, 32)
 #[pyfunction]
-#[pyo3(signature = (
-    extinction, grid, views, light = None, *, solver = "monte-carlo", samples_per_pixel = None,
-    noise = None, seed = 1, effective_radius = None, trilinear = false, similarity_after = None,
-    accuracy = None, estimate_error = true,
-))]
+#[pyo3(
+    signature = (
+        extinction, grid = None, views = None, light = None, *, solver = "monte-carlo",
+        samples = None, noise = None, seed = None, effective_radius = None, trilinear = false,
+        similarity_after = None, accuracy = None, estimate_error = true,
+        progress = Progress::None,
+    ),
+    text_signature = "(extinction, grid=None, views=None, light=None, *, solver='monte-carlo', \
+                      samples=None, noise=None, seed=1, effective_radius=None, trilinear=False, \
+                      similarity_after=None, accuracy=None, estimate_error=True, progress=False)",
+)]
 // In Python these are keyword arguments with defaults.
 #[allow(clippy::too_many_arguments)]
-pub(crate) fn render(
-    py: Python<'_>,
-    extinction: &Bound<'_, PyAny>,
-    grid: Grid,
-    views: ViewSequence,
+pub(crate) fn render<'py>(
+    extinction: &Bound<'py, PyAny>,
+    grid: Option<Grid>,
+    views: Option<&Bound<'py, PyAny>>,
     light: Option<Light>,
     solver: &str,
-    samples_per_pixel: Option<u32>,
+    samples: Option<&Bound<'py, PyAny>>,
     noise: Option<f64>,
-    seed: u64,
-    effective_radius: Option<&Bound<'_, PyAny>>,
+    seed: Option<&Bound<'py, PyAny>>,
+    effective_radius: Option<&Bound<'py, PyAny>>,
     trilinear: bool,
-    similarity_after: Option<u32>,
+    similarity_after: Option<&Bound<'py, PyAny>>,
     accuracy: Option<f64>,
     estimate_error: bool,
-) -> PyResult<Rendering> {
-    let volumes = [(Some(extinction), "extinction"), (effective_radius, "effective_radius")];
-    check_on_grid(&grid.0, &volumes)?;
-    let extinction = Floats::new(extinction, "extinction", VOLUME)?.to_owned();
-    let radii = effective_radius
-        .map(|radii| Ok::<_, PyErr>(Floats::new(radii, "effective_radius", VOLUME)?.to_owned()))
-        .transpose()?;
-    let light = or_default(light);
-    if radii.is_some() && light.optics.phase != PhaseModel::Mie {
-        let range = "\"mie\" where effective_radius is an array";
-        return Err(raise(Error::out_of_range("phase of the light", "another", range)));
-    }
-    let most = if noise.is_some() { MOST_SAMPLES } else { SAMPLES };
-    let samples_per_pixel = samples_per_pixel.unwrap_or(most);
-    let unused = match solver {
-        "ordinates" => {
-            noise.map(|_| ("noise", "omitted for the solver \"ordinates\": give accuracy"))
+    progress: Progress,
+) -> PyResult<Py<Rendering>> {
+    let py = extinction.py();
+    let light = light.map_or_else(scene::Light::default, |light| light.core);
+    let cloud = cloud_of(extinction, grid, effective_radius, &light)?;
+    let views = match views {
+        Some(views) => views_of(views, &cloud)?,
+        None => {
+            let problem = "views is missing: give Views, or the name or file of a formation";
+            return Err(PyTypeError::new_err(problem));
         }
+    };
+    let most = if noise.is_some() { MOST_SAMPLES } else { SAMPLES };
+    let paths = MonteCarloSettings {
+        samples_per_pixel: whole_if_given(samples, "samples")?.unwrap_or(most),
+        noise,
+        seed: seed.map_or(Ok(1), |seed| whole(seed, "seed"))?,
+        similarity_after: whole_if_given(similarity_after, "similarity_after")?,
+    };
+    let of_paths = [
+        ("samples", samples.is_some()),
+        ("noise", noise.is_some()),
+        ("similarity_after", similarity_after.is_some()),
+    ];
+    let unused = match solver {
+        "ordinates" => of_paths.into_iter().find(|(_, is_given)| *is_given).map(|(name, _)| {
+            (name, "omitted for the solver \"ordinates\", which has no photon paths: give accuracy")
+        }),
         _ => accuracy.map(|_| ("accuracy", "omitted for the solver \"monte-carlo\": give noise")),
     };
     if let Some((name, range)) = unused {
         return Err(raise(Error::out_of_range(name, "given", range)));
     }
     let solver = match solver {
-        "monte-carlo" => Solver::MonteCarlo(MonteCarloSettings {
-            samples_per_pixel,
-            noise,
-            seed,
-            similarity_after,
-        }),
+        "monte-carlo" => Solver::MonteCarlo(paths),
         "ordinates" => Solver::Ordinates(OrdinatesSettings {
             estimate_error,
             ..accuracy
@@ -168,36 +220,70 @@ pub(crate) fn render(
     if matches!(solver, Solver::Ordinates(_)) {
         warn_of_neglected(py, &light)?;
     }
-    let interpolation = if trilinear { Interpolation::Trilinear } else { Interpolation::Constant };
-    if trilinear {
-        check_edges(&extinction, light.boundary)?;
-    }
-    let (rendering, light) = compute(py, move |stop| {
-        let extinction = Volume::new(grid.0, extinction)?;
-        let cloud = match radii {
-            Some(radii) => Cloud::from_extinction_and_radii(extinction, radii)?,
-            None => Cloud::from_extinction(extinction)?,
-        };
+    let shown = views.clone();
+    let (rendering, light) = at_length(py, &progress, move |watch| {
         let mut scene = light.scene(&cloud)?;
-        scene.medium.interpolation = interpolation;
-        Ok((transport::render(&scene, &views.0, &solver, &Stopped(stop))?, light.recorded(&cloud)))
+        if trilinear {
+            check_edges(&scene.medium.extinction.values, light.boundary)?;
+            scene.medium.interpolation = Interpolation::Trilinear;
+        }
+        Ok((transport::render(&scene, &shown, &solver, watch)?, light.recorded(&cloud)))
     })?;
-    for warning in rendering.warnings() {
-        let text = CString::new(warning).expect("no zero byte");
-        PyErr::warn(py, &py.get_type::<PyUserWarning>(), &text, 1)?;
+    for text in rendering.warnings() {
+        warn(py, &text)?;
     }
-    Ok(Rendering {
-        radiance: give(py, rendering.images.values),
-        standard_error: rendering.standard_error.map(|stack| give(py, stack.values)),
+    let own = Rendering {
         samples_per_pixel: rendering.samples_per_pixel,
-        light: Light(light),
         estimated_error: rendering.estimated_error,
-    })
+    };
+    let mut observed = scene::Observation::new(light, views, rendering.images).map_err(raise)?;
+    observed.standard_error = rendering.standard_error;
+    let images = Observation::give(py, observed);
+    Py::new(py, PyClassInitializer::from(images).add_subclass(own))
 }
 
-/// Refuse a trilinear medium whose outermost voxels are not clear: it ends at their centres, so that
-/// half of them would be lost.
-fn check_edges(extinction: &Array3<f32>, boundary: Boundary) -> PyResult<()> {
+/// The cloud of an argument: a `Cloud`, or an extinction and optionally effective radii.
+fn cloud_of(
+    extinction: &Bound<'_, PyAny>,
+    grid: Option<Grid>,
+    effective_radius: Option<&Bound<'_, PyAny>>,
+    light: &scene::Light,
+) -> PyResult<cloud::Cloud> {
+    if effective_radius.is_some() && light.optics.phase != PhaseModel::Mie {
+        let range = "\"mie\" where effective_radius is an array";
+        return Err(raise(Error::out_of_range("phase of the light", "another", range)));
+    }
+    let given = grid.map(|Grid(grid)| grid);
+    if let (Ok(cloud), None) = (extinction.cast::<Cloud>(), effective_radius) {
+        volume(extinction, "extinction")?.grid(given)?;
+        return cloud.get().core(extinction.py());
+    }
+    let values = volume(extinction, "extinction")?;
+    let grid = values.grid(given)?;
+    let extinction = Volume::new(grid, values.values).map_err(raise)?;
+    let cloud = match effective_radius {
+        None => cloud::Cloud::from_extinction(extinction),
+        Some(radii) => {
+            let radii = volume(radii, "effective_radius")?.on(grid)?;
+            cloud::Cloud::from_extinction_and_radii(extinction, radii)
+        }
+    };
+    cloud.map_err(raise)
+}
+
+/// The views of an argument: cameras, or a formation that points at the centre of the cloud and takes
+/// images of as many pixels as the cloud has columns.
+fn views_of(views: &Bound<'_, PyAny>, cloud: &cloud::Cloud) -> PyResult<Vec<scene::View>> {
+    if let Ok(name) = views.extract::<PathBuf>() {
+        let [_, rows, cols] = cloud.grid.shape;
+        return Ok(Views::find(&name, cloud.grid.center(), [rows, cols])?.0);
+    }
+    Ok(views.extract::<ViewSequence>()?.0)
+}
+
+/// Returns an error for a trilinear medium whose outermost voxels are not clear: it ends at their
+/// centres, so that half of them would be lost.
+fn check_edges(extinction: &Array3<f32>, boundary: Boundary) -> Result<()> {
     let axes: &[usize] = if boundary == Boundary::Periodic { &[0] } else { &[0, 1, 2] };
     let outermost = axes.iter().flat_map(|&axis| {
         let axis = Axis(axis);
@@ -206,7 +292,6 @@ fn check_edges(extinction: &Array3<f32>, boundary: Boundary) -> PyResult<()> {
     if outermost.flatten().all(|value| *value == 0.0) {
         return Ok(());
     }
-    let problem = "extinction is not zero in the outermost voxels, but a trilinear medium ends at their \
-                   centres: surround it by clear voxels";
-    Err(PyValueError::new_err(problem))
+    let range = "0, as a trilinear medium ends at their centres: surround it by clear voxels";
+    Err(Error::out_of_range("extinction in the outermost voxels", "not 0", range))
 }

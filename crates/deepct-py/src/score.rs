@@ -1,20 +1,72 @@
 //! `score`: errors of an estimate of the extinction.
 
-use crate::array::{Floats, VOLUME, check_same};
-use crate::compute::compute;
+use crate::array::volume;
+use crate::compute::quickly;
+use crate::record::{Record, attributes, record};
 use deepct_core::grid::{Grid, Volume};
 use deepct_core::math::DVec3;
 use deepct_core::metrics;
 use numpy::ndarray::Array1;
 use numpy::{IntoPyArray, PyArray1};
+use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
+use pyo3::types::PyDict;
 
 /// Errors of an estimated extinction field relative to the true field.
+///
+/// Constructed by `score`; the keyword arguments are the attributes.
 #[pyclass(frozen, module = "deepct_py")]
 pub(crate) struct Scores(metrics::Scores);
 
+record!(Scores);
+
+/// The values of all levels.
+const BY_LEVEL: [&str; 3] = ["truth_by_level", "estimate_by_level", "relative_error_by_level"];
+
+impl Record for Scores {
+    fn arguments<'py>(of: &Bound<'py, Self>) -> PyResult<Bound<'py, PyDict>> {
+        let numbers = ["relative_error", "mass_error", "root_mean_square_error", "correlation"];
+        let arguments = attributes(of.as_any(), &[&numbers[..], &BY_LEVEL[..]].concat())?;
+        Ok(arguments)
+    }
+}
+
 #[pymethods]
 impl Scores {
+    #[new]
+    #[pyo3(signature = (
+        *, relative_error, mass_error, root_mean_square_error, correlation = None, truth_by_level,
+        estimate_by_level, relative_error_by_level,
+    ))]
+    fn new(
+        relative_error: f64,
+        mass_error: f64,
+        root_mean_square_error: f64,
+        correlation: Option<f64>,
+        truth_by_level: Vec<f64>,
+        estimate_by_level: Vec<f64>,
+        relative_error_by_level: Vec<f64>,
+    ) -> PyResult<Self> {
+        let levels = truth_by_level.len();
+        if estimate_by_level.len() != levels || relative_error_by_level.len() != levels {
+            let lengths = "the values by level must have one length";
+            return Err(PyValueError::new_err(lengths));
+        }
+        let profile = (0..levels).map(|level| metrics::LevelScore {
+            altitude: level as f64 + 0.5,
+            truth: truth_by_level[level],
+            estimate: estimate_by_level[level],
+            relative_error: Some(relative_error_by_level[level]).filter(|error| !error.is_nan()),
+        });
+        Ok(Self(metrics::Scores {
+            relative_error,
+            mass_error,
+            root_mean_square_error,
+            correlation,
+            profile: profile.collect(),
+        }))
+    }
+
     /// Relative error epsilon = ||truth - estimate||_1 / ||truth||_1 (Sde-Chen et al. 2021).
     #[getter]
     fn relative_error(&self) -> f64 {
@@ -57,14 +109,6 @@ impl Scores {
     fn relative_error_by_level<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
         self.by_level(py, |level| level.relative_error.unwrap_or(f64::NAN))
     }
-
-    fn __repr__(&self) -> String {
-        let metrics::Scores { relative_error, mass_error, root_mean_square_error, .. } = self.0;
-        format!(
-            "Scores(relative_error={relative_error:.4}, mass_error={mass_error:.4}, \
-             root_mean_square_error={root_mean_square_error:.4})"
-        )
-    }
 }
 
 impl Scores {
@@ -81,7 +125,7 @@ impl Scores {
 ///
 /// Parameters
 /// ----------
-/// truth, estimate : array, [z, y, x]
+/// truth, estimate : Cloud, Estimate, Reconstruction, or array [z, y, x]
 ///     Extinction (1/km).
 ///
 /// Returns
@@ -91,17 +135,25 @@ impl Scores {
 /// Raises
 /// ------
 /// ValueError
-///     The shapes or the coordinates differ, a value is not finite, or the true field is zero everywhere.
+///     The shapes or the grids differ, a value is not finite, or the true field is zero everywhere.
+///
+/// Examples
+/// --------
+/// >>> truth = np.array([[[0.0, 10.0, 30.0]]])
+/// >>> deepct_py.score(truth, [[[5.0, 10.0, 25.0]]]).relative_error
+/// 0.25
 #[pyfunction]
 pub(crate) fn score(
     py: Python<'_>,
     truth: &Bound<'_, PyAny>,
     estimate: &Bound<'_, PyAny>,
 ) -> PyResult<Scores> {
-    check_same(&[(Some(truth), "truth"), (Some(estimate), "estimate")], VOLUME)?;
-    let truth = Floats::new(truth, "truth", VOLUME)?.to_owned();
-    let estimate = Floats::new(estimate, "estimate", VOLUME)?.to_owned();
-    compute(py, move |_| {
+    let (truth, estimate) = (volume(truth, "truth")?, volume(estimate, "estimate")?);
+    if let Some(grid) = truth.grid {
+        estimate.grid(Some(grid))?;
+    }
+    let (truth, estimate) = (truth.values, estimate.values);
+    quickly(py, || {
         // The scores do not depend on the position and size of the voxels.
         let (nz, ny, nx) = truth.dim();
         let grid = Grid::new(DVec3::ZERO, DVec3::ONE, [nz, ny, nx])?;

@@ -1,13 +1,19 @@
 //! `sense`: simulation of the sensor.
 
-use crate::array::{Floats, IMAGES, check_same, give};
-use crate::compute::compute;
+use crate::array::{give, images, marks};
+use crate::compute::interruptibly;
 use crate::error::raise;
-use deepct_core::Error;
+use crate::light::Light;
+use crate::number::whole;
+use crate::observation::{Given, Observation, PARTS, observation};
+use crate::record::{Record, attributes, record};
+use crate::view::ViewSequence;
 use deepct_core::image::ViewStack;
-use deepct_core::sensor::{self, Scale};
+use deepct_core::sensor::{self, Scale, expose};
+use deepct_core::{Error, scene};
 use numpy::PyArray3;
 use pyo3::prelude::*;
+use pyo3::types::PyDict;
 use std::path::PathBuf;
 
 /// An image sensor, described by the parameters of its data sheet.
@@ -26,15 +32,35 @@ use std::path::PathBuf;
 ///     Exposure time (seconds).
 /// pixel_pitch : float
 ///     Distance between pixels on the sensor (um); it does not affect the noise.
-#[pyclass(frozen, eq, from_py_object, module = "deepct_py", get_all)]
-#[derive(Clone, Copy, PartialEq)]
+///
+/// Examples
+/// --------
+/// >>> deepct_py.Sensor.preset("cmv4000").bits
+/// 10
+#[pyclass(frozen, from_py_object, module = "deepct_py", get_all)]
+#[derive(Clone, Copy)]
 pub(crate) struct Sensor {
+    /// Full-well capacity of a pixel (electrons).
     full_well: f64,
+    /// Standard deviation of the read noise (electrons).
     read_noise: f64,
+    /// Dark current (electrons per second).
     dark_current: f64,
+    /// Number of bits of the analogue-to-digital converter.
     bits: u32,
+    /// Exposure time (seconds).
     exposure: f64,
+    /// Distance between pixels on the sensor (um).
     pixel_pitch: f64,
+}
+
+record!(Sensor);
+
+impl Record for Sensor {
+    fn arguments<'py>(of: &Bound<'py, Self>) -> PyResult<Bound<'py, PyDict>> {
+        let names = ["full_well", "read_noise", "dark_current", "bits", "exposure", "pixel_pitch"];
+        attributes(of.as_any(), &names)
+    }
 }
 
 #[pymethods]
@@ -45,10 +71,11 @@ impl Sensor {
         full_well: f64,
         read_noise: f64,
         dark_current: f64,
-        bits: u32,
+        bits: &Bound<'_, PyAny>,
         exposure: f64,
         pixel_pitch: f64,
     ) -> PyResult<Self> {
+        let bits = whole(bits, "bits")?;
         let sensor = Self { full_well, read_noise, dark_current, bits, exposure, pixel_pitch };
         sensor.core().check().map_err(raise)?;
         Ok(sensor)
@@ -75,14 +102,6 @@ impl Sensor {
     fn from_file(path: PathBuf) -> PyResult<Self> {
         sensor::Sensor::from_file(&path).map(Self::from).map_err(raise)
     }
-
-    fn __repr__(&self) -> String {
-        let Self { full_well, read_noise, dark_current, bits, exposure, pixel_pitch } = self;
-        format!(
-            "Sensor(full_well={full_well}, read_noise={read_noise}, dark_current={dark_current}, \
-             bits={bits}, exposure={exposure}, pixel_pitch={pixel_pitch})"
-        )
-    }
 }
 
 impl Sensor {
@@ -100,24 +119,100 @@ impl From<sensor::Sensor> for Sensor {
     }
 }
 
-/// Images as measured by a sensor.
+/// Images as measured by a sensor, without their cameras.
 ///
-/// Attributes
+/// Parameters
 /// ----------
-/// radiance : numpy.ndarray, float32, [view, row, col]
-///     Radiance (1/sr) derived from the grey levels, after subtraction of the mean dark charge.
-/// noise : numpy.ndarray, float32, [view, row, col]
-///     Standard deviation of the noise of each pixel (1/sr), estimated from the measured charge.
-/// saturated : numpy.ndarray, bool, [view, row, col]
-///     The pixels that are saturated: they are at least as bright as their radiance.
+/// radiance, noise : array, [view, row, col]
+///     Images and their noise (1/sr).
+/// saturated : array of bool, [view, row, col]
+///     The pixels that are saturated.
 /// electrons_per_radiance : float
 ///     The factor between radiance and charge (electrons sr).
-#[pyclass(frozen, module = "deepct_py", get_all)]
+#[pyclass(frozen, module = "deepct_py")]
 pub(crate) struct Sensed {
+    /// Radiance (1/sr) derived from the grey levels, after subtraction of the mean dark charge:
+    /// numpy.ndarray, float32, [view, row, col].
+    #[pyo3(get)]
     radiance: Py<PyArray3<f32>>,
+    /// Standard deviation of the noise of each pixel (1/sr), estimated from the measured charge:
+    /// numpy.ndarray, float32, [view, row, col].
+    #[pyo3(get)]
     noise: Py<PyArray3<f32>>,
+    /// The pixels that are saturated, which are at least as bright as their radiance: numpy.ndarray,
+    /// bool, [view, row, col].
+    #[pyo3(get)]
     saturated: Py<PyArray3<bool>>,
+    /// The factor between radiance and charge (electrons sr).
+    #[pyo3(get)]
     electrons_per_radiance: f64,
+}
+
+record!(Sensed);
+
+impl Record for Sensed {
+    fn arguments<'py>(of: &Bound<'py, Self>) -> PyResult<Bound<'py, PyDict>> {
+        let names = ["radiance", "noise", "saturated", "electrons_per_radiance"];
+        attributes(of.as_any(), &names)
+    }
+}
+
+#[pymethods]
+impl Sensed {
+    #[new]
+    fn new(
+        radiance: &Bound<'_, PyAny>,
+        noise: &Bound<'_, PyAny>,
+        saturated: &Bound<'_, PyAny>,
+        electrons_per_radiance: f64,
+    ) -> PyResult<Self> {
+        let py = radiance.py();
+        Ok(Self {
+            radiance: give(py, images(radiance, "radiance")?),
+            noise: give(py, images(noise, "standard_error")?),
+            saturated: give(py, marks(saturated, "saturated")?),
+            electrons_per_radiance,
+        })
+    }
+}
+
+/// An observation as recorded by a sensor: its radiance is derived from the grey levels, its standard
+/// error contains the noise of the sensor, and saturated pixels are marked.
+///
+/// Constructed by `sense`; the arguments are those of `Observation` and `electrons_per_radiance`.
+#[pyclass(frozen, extends = Observation, module = "deepct_py")]
+pub(crate) struct Exposure {
+    /// The factor between radiance and charge (electrons sr).
+    #[pyo3(get)]
+    electrons_per_radiance: f64,
+}
+
+record!(Exposure);
+
+impl Record for Exposure {
+    fn arguments<'py>(of: &Bound<'py, Self>) -> PyResult<Bound<'py, PyDict>> {
+        attributes(of.as_any(), &[&PARTS[..], &["electrons_per_radiance"]].concat())
+    }
+}
+
+#[pymethods]
+impl Exposure {
+    #[new]
+    #[pyo3(signature = (
+        radiance, views, light = None, *, standard_error = None, saturated = None,
+        electrons_per_radiance,
+    ))]
+    fn new(
+        radiance: &Bound<'_, PyAny>,
+        views: ViewSequence,
+        light: Option<Light>,
+        standard_error: Option<Bound<'_, PyAny>>,
+        saturated: Option<Bound<'_, PyAny>>,
+        electrons_per_radiance: f64,
+    ) -> PyResult<PyClassInitializer<Self>> {
+        let images = Observation::new(radiance, views, light, standard_error, saturated)?;
+        Ok(PyClassInitializer::from(images).add_subclass(Self { electrons_per_radiance }))
+    }
 }
 
 /// A sensor, or the name of a predefined one.
@@ -133,7 +228,7 @@ pub(crate) enum SensorChoice {
 ///
 /// Parameters
 /// ----------
-/// radiance : array, [view, row, col]
+/// radiance : Observation, or array [view, row, col]
 ///     Noise-free images (1/sr).
 /// sensor : Sensor or str, optional
 ///     The sensor, or the name of a predefined one. Default: `"cmv4000"`.
@@ -148,24 +243,39 @@ pub(crate) enum SensorChoice {
 ///
 /// Returns
 /// -------
-/// Sensed
+/// Exposure or Sensed
+///     An `Exposure`, which is an `Observation`, for an observation; otherwise the arrays.
 ///
 /// Raises
 /// ------
 /// ValueError
 ///     A radiance is negative, a parameter is out of range, or the name of the sensor is unknown.
+///
+/// Examples
+/// --------
+/// >>> cloud = deepct_py.generate_cloud(seed=3, width_km=0.4)
+/// >>> images = deepct_py.render(cloud, views="cloudct-10", samples=16)
+/// >>> noisy = deepct_py.sense(images, "cmv4000")
+/// >>> noisy.views == images.views
+/// True
 #[pyfunction]
-#[pyo3(signature = (
-    radiance, sensor = None, *, electrons_per_radiance = None, standard_error = None, seed = 1,
-))]
-pub(crate) fn sense(
-    py: Python<'_>,
-    radiance: &Bound<'_, PyAny>,
+#[pyo3(
+    signature = (
+        radiance, sensor = None, *, electrons_per_radiance = None, standard_error = None,
+        seed = None,
+    ),
+    text_signature = "(radiance, sensor='cmv4000', *, electrons_per_radiance=None, \
+                      standard_error=None, seed=1)",
+)]
+pub(crate) fn sense<'py>(
+    radiance: &Bound<'py, PyAny>,
     sensor: Option<SensorChoice>,
     electrons_per_radiance: Option<f64>,
-    standard_error: Option<&Bound<'_, PyAny>>,
-    seed: u64,
-) -> PyResult<Sensed> {
+    standard_error: Option<Bound<'py, PyAny>>,
+    seed: Option<&Bound<'py, PyAny>>,
+) -> PyResult<Py<PyAny>> {
+    let py = radiance.py();
+    let seed = seed.map_or(Ok(1), |seed| whole(seed, "seed"))?;
     let sensor = match sensor {
         None => sensor::Sensor::CMV4000,
         Some(SensorChoice::Sensor(sensor)) => sensor.core(),
@@ -173,19 +283,27 @@ pub(crate) fn sense(
     };
     let scale =
         electrons_per_radiance.map_or(Scale::BrightestAtFullWell, Scale::ElectronsPerRadiance);
-    check_same(&[(Some(radiance), "radiance"), (standard_error, "standard_error")], IMAGES)?;
-    let radiance = Floats::new(radiance, "radiance", IMAGES)?.to_owned();
-    let errors = standard_error
-        .map(|errors| Ok::<_, PyErr>(Floats::new(errors, "standard_error", IMAGES)?.to_owned()))
-        .transpose()?;
-    let sensed = compute(py, move |_| {
+    if radiance.cast::<Observation>().is_ok() || radiance.hasattr("data_vars")? {
+        let given = Given { views: None, light: None, standard_error, saturated: None };
+        let clean = observation(radiance, given, |_| Ok(Light::from(scene::Light::default())))?;
+        let exposed = interruptibly(py, move || expose(&clean, &sensor, scale, seed))?;
+        let electrons_per_radiance = exposed.electrons_per_radiance;
+        let images = Observation::give(py, exposed.observation);
+        let exposure =
+            PyClassInitializer::from(images).add_subclass(Exposure { electrons_per_radiance });
+        return Ok(Py::new(py, exposure)?.into_any());
+    }
+    let radiance = images(radiance, "radiance")?;
+    let errors = standard_error.map(|errors| images(&errors, "standard_error")).transpose()?;
+    let sensed = interruptibly(py, move || {
         let errors = errors.map(ViewStack::of_errors).transpose()?;
         sensor::sense(&ViewStack::new(radiance)?, errors.as_ref(), &sensor, scale, seed)
     })?;
-    Ok(Sensed {
+    let sensed = Sensed {
         radiance: give(py, sensed.images.values),
         noise: give(py, sensed.noise.values),
         saturated: give(py, sensed.saturated),
         electrons_per_radiance: sensed.electrons_per_radiance,
-    })
+    };
+    Ok(Py::new(py, sensed)?.into_any())
 }

@@ -1,14 +1,17 @@
 //! `View` and `Views`: the camera geometry.
 
 use crate::error::raise;
-use deepct_core::math::towards;
+use crate::number::{point, reals, sizes, whole};
+use crate::observation::views_of;
+use crate::record::{Record, attributes, record};
+use deepct_core::math::{DVec3, towards};
 use deepct_core::{Error, scene};
-use numpy::ndarray::Array1;
-use numpy::{IntoPyArray, PyArray1};
+use numpy::ndarray::{Array1, Array2};
+use numpy::{IntoPyArray, PyArray1, PyArray2};
 use pyo3::exceptions::{PyIndexError, PyTypeError};
 use pyo3::prelude::*;
-use pyo3::types::{PyIterator, PyTuple};
-use std::path::PathBuf;
+use pyo3::types::{PyDict, PyIterator, PyList, PySlice, PyTuple};
+use std::path::{Path, PathBuf};
 
 type Point = (f64, f64, f64);
 
@@ -20,38 +23,104 @@ type Point = (f64, f64, f64);
 /// that of a satellite above the horizon.
 #[pyfunction]
 pub(crate) fn camera_from_ecef(
-    position: Point,
+    position: &Bound<'_, PyAny>,
     latitude_deg: f64,
     longitude_deg: f64,
 ) -> PyResult<Point> {
     let (latitude, longitude) = (latitude_deg.to_radians(), longitude_deg.to_radians());
-    scene::camera_from_ecef(position.into(), latitude, longitude).map(Into::into).map_err(raise)
+    let position = point(position, "position")?;
+    scene::camera_from_ecef(position, latitude, longitude).map(Into::into).map_err(raise)
 }
 
 /// The geometry of a camera that points at a target. Image rows increase towards the north,
 /// columns towards the east.
 ///
-/// Construct it with `View.perspective` or `View.orthographic`.
-#[pyclass(frozen, eq, from_py_object, module = "deepct_py")]
-#[derive(Clone, Copy, PartialEq)]
+/// `View.perspective` and `View.orthographic` are the usual ways to construct it. The arguments are those
+/// of the attributes: `position` and `pixel_tangent` for a perspective camera, `direction` and `pixel_km`
+/// for a camera at infinity.
+///
+/// Examples
+/// --------
+/// >>> view = deepct_py.View.perspective([0, -300, 520], [0, 0, 1], 1e-4, size=(64, 64))
+/// >>> round(view.zenith_deg, 2), view.azimuth_deg
+/// (30.03, 180.0)
+#[pyclass(frozen, from_py_object, module = "deepct_py")]
+#[derive(Clone, Copy)]
 pub(crate) struct View(scene::View);
+
+record!(View);
+
+impl Record for View {
+    fn arguments<'py>(of: &Bound<'py, Self>) -> PyResult<Bound<'py, PyDict>> {
+        let kind: &[&str] = match of.get().0.projection {
+            scene::Projection::Perspective { .. } => &["position", "pixel_tangent"],
+            _ => &["direction", "pixel_km"],
+        };
+        attributes(of.as_any(), &[&["target"], kind, &["size", "shift"]].concat())
+    }
+}
+
+/// The names of two numbers of pixels.
+const PIXELS: [&str; 2] = ["rows", "cols"];
+
+/// The size of images, by default 32 x 32 pixels.
+fn size_of(size: Option<&Bound<'_, PyAny>>) -> PyResult<[usize; 2]> {
+    size.map_or(Ok([32, 32]), |size| sizes(size, "size", PIXELS))
+}
 
 #[pymethods]
 impl View {
+    #[new]
+    #[pyo3(
+        signature = (
+            *, target, position = None, pixel_tangent = None, direction = None, pixel_km = None,
+            size = None, shift = None,
+        ),
+        text_signature = "(*, target, position=None, pixel_tangent=None, direction=None, \
+                          pixel_km=None, size=(32, 32), shift=(0.0, 0.0))",
+    )]
+    fn new(
+        target: &Bound<'_, PyAny>,
+        position: Option<&Bound<'_, PyAny>>,
+        pixel_tangent: Option<f64>,
+        direction: Option<&Bound<'_, PyAny>>,
+        pixel_km: Option<f64>,
+        size: Option<&Bound<'_, PyAny>>,
+        shift: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<Self> {
+        let (target, size) = (point(target, "target")?, size_of(size)?);
+        let view = match (position, pixel_tangent, direction, pixel_km) {
+            (Some(position), Some(tangent), None, None) => {
+                scene::View::perspective(point(position, "position")?, target, tangent, size)
+            }
+            (None, None, Some(direction), Some(pixel_km)) => {
+                let direction = point(direction, "direction")?;
+                parallel(direction, target, pixel_km, size)
+            }
+            _ => {
+                let problem = "give position and pixel_tangent, or direction and pixel_km";
+                return Err(PyTypeError::new_err(problem));
+            }
+        };
+        let shift = shift.map(|shift| reals(shift, "shift", PIXELS)).transpose()?;
+        view.and_then(|view| view.with_shift(shift.unwrap_or_default())).map(Self).map_err(raise)
+    }
+
     /// A pinhole camera at `position` (km) that points at `target` (km). The image has `size`
     /// (rows, cols) pixels; `pixel_tangent` is the pixel size divided by the focal length.
     #[staticmethod]
     #[pyo3(
-        signature = (position, target, pixel_tangent, size = [32, 32]),
+        signature = (position, target, pixel_tangent, size = None),
         text_signature = "(position, target, pixel_tangent, size=(32, 32))",
     )]
     fn perspective(
-        position: Point,
-        target: Point,
+        position: &Bound<'_, PyAny>,
+        target: &Bound<'_, PyAny>,
         pixel_tangent: f64,
-        size: [usize; 2],
+        size: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
-        scene::View::perspective(position.into(), target.into(), pixel_tangent, size)
+        let (position, target) = (point(position, "position")?, point(target, "target")?);
+        scene::View::perspective(position, target, pixel_tangent, size_of(size)?)
             .map(Self)
             .map_err(raise)
     }
@@ -64,21 +133,21 @@ impl View {
     /// remains that of the direction from the scene to the camera, is above 90 degrees.
     #[staticmethod]
     #[pyo3(
-        signature = (zenith_deg, azimuth_deg, target, pixel_km, size = [32, 32], *, looks_up = false),
+        signature = (zenith_deg, azimuth_deg, target, pixel_km, size = None, *, looks_up = false),
         text_signature = "(zenith_deg, azimuth_deg, target, pixel_km, size=(32, 32), *, \
                           looks_up=False)",
     )]
     fn orthographic(
         zenith_deg: f64,
         azimuth_deg: f64,
-        target: Point,
+        target: &Bound<'_, PyAny>,
         pixel_km: f64,
-        size: [usize; 2],
+        size: Option<&Bound<'_, PyAny>>,
         looks_up: bool,
     ) -> PyResult<Self> {
         let towards = towards(zenith_deg.to_radians(), azimuth_deg.to_radians());
         let view = if looks_up { scene::View::looking_up } else { scene::View::orthographic };
-        view(towards, target.into(), pixel_km, size).map(Self).map_err(raise)
+        view(towards, point(target, "target")?, pixel_km, size_of(size)?).map(Self).map_err(raise)
     }
 
     /// View zenith angle: the angle at the target between +z and the camera (degrees).
@@ -115,6 +184,21 @@ impl View {
         }
     }
 
+    /// Pixel size divided by the focal length; None for a camera at infinity.
+    #[getter]
+    fn pixel_tangent(&self) -> Option<f64> {
+        match self.0.projection {
+            scene::Projection::Perspective { pixel_tangent, .. } => Some(pixel_tangent),
+            _ => None,
+        }
+    }
+
+    /// Unit vector from the target towards the camera.
+    #[getter]
+    fn direction(&self) -> Point {
+        self.0.towards().into()
+    }
+
     /// Number of rows and columns.
     #[getter]
     fn size(&self) -> (usize, usize) {
@@ -130,14 +214,15 @@ impl View {
 
     /// The view of a part of the image: `size` (rows, cols) pixels from the pixel `first` (row, col).
     /// It belongs to `image[first[0]:first[0] + size[0], first[1]:first[1] + size[1]]`.
-    fn part(&self, first: [usize; 2], size: [usize; 2]) -> PyResult<Self> {
+    fn part(&self, first: &Bound<'_, PyAny>, size: &Bound<'_, PyAny>) -> PyResult<Self> {
+        let (first, size) = (sizes(first, "first", PIXELS)?, sizes(size, "size", PIXELS)?);
         self.0.part(first, size).map(Self).map_err(raise)
     }
 
     /// Project a point (km) onto the image. Returns continuous (row, col) coordinates, in which
     /// pixel `[r, c]` spans `r..r+1, c..c+1`, or None for a point behind the camera.
-    fn project(&self, point: Point) -> Option<(f64, f64)> {
-        self.0.project(point.into())
+    fn project(&self, point: &Bound<'_, PyAny>) -> PyResult<Option<(f64, f64)>> {
+        Ok(self.0.project(crate::number::point(point, "point")?))
     }
 
     /// Origin (km) and unit direction of the line of sight through a point of the image (continuous
@@ -146,17 +231,25 @@ impl View {
         let ray = self.0.ray(row, col);
         (ray.origin.into(), ray.direction.into())
     }
+}
 
-    fn __repr__(&self) -> String {
-        format!(
-            "View(zenith_deg={:.3}, azimuth_deg={:.3}, pixel_km={:.6}, size=({}, {}))",
-            self.zenith_deg(),
-            self.azimuth_deg(),
-            self.pixel_km(),
-            self.0.rows,
-            self.0.cols
-        )
+/// A camera at infinity whose direction, if it is a unit vector, is kept exactly: normalising it again
+/// may change it.
+fn parallel(
+    direction: DVec3,
+    target: DVec3,
+    pixel_km: f64,
+    size: [usize; 2],
+) -> deepct_core::Result<scene::View> {
+    let view = match direction.z < 0.0 {
+        true => scene::View::looking_up(direction, target, pixel_km, size)?,
+        false => scene::View::orthographic(direction, target, pixel_km, size)?,
+    };
+    if !direction.is_normalized() {
+        return Ok(view);
     }
+    let projection = scene::Projection::Orthographic { towards: direction, pixel_km };
+    Ok(scene::View { projection, ..view })
 }
 
 /// The camera geometry of a stack of images: a sequence of `View`.
@@ -165,18 +258,34 @@ impl View {
 /// ----------
 /// views : sequence of View
 ///     One view for each image, at least one.
-#[pyclass(frozen, eq, sequence, module = "deepct_py")]
-#[derive(Clone, PartialEq)]
+///
+/// Examples
+/// --------
+/// >>> views = deepct_py.Views.load("cloudct-10", target=(0.8, 0.8, 1.12))
+/// >>> len(views), len(views[2:5] + views[:1])
+/// (10, 4)
+/// >>> views.position.shape
+/// (10, 3)
+#[pyclass(frozen, sequence, from_py_object, module = "deepct_py")]
+#[derive(Clone)]
 pub(crate) struct Views(pub(crate) Vec<scene::View>);
+
+record!(Views);
+
+impl Record for Views {
+    fn arguments<'py>(of: &Bound<'py, Self>) -> PyResult<Bound<'py, PyDict>> {
+        let views = of.get().0.iter().map(|view| View(*view));
+        let arguments = PyDict::new(of.py());
+        arguments.set_item("views", PyList::new(of.py(), views.collect::<Vec<_>>())?)?;
+        Ok(arguments)
+    }
+}
 
 #[pymethods]
 impl Views {
     #[new]
     fn new(views: Vec<View>) -> PyResult<Self> {
-        if views.is_empty() {
-            return Err(raise(Error::out_of_range("number of views", 0, "at least 1")));
-        }
-        Ok(Self(views.into_iter().map(|view| view.0).collect()))
+        Self::of(views.into_iter().map(|view| view.0).collect())
     }
 
     /// Load the views of a formation, either by its name, `"cloudct-10"` or `"pearls-32"` (cameras
@@ -187,14 +296,21 @@ impl Views {
     /// file specifies other values.
     #[staticmethod]
     #[pyo3(
-        signature = (name_or_path, target, size = [32, 32]),
+        signature = (name_or_path, target, size = None),
         text_signature = "(name_or_path, target, size=(32, 32))",
     )]
-    fn load(name_or_path: PathBuf, target: Point, size: [usize; 2]) -> PyResult<Self> {
-        scene::ViewList::find(&name_or_path.to_string_lossy())
-            .and_then(|list| list.views(target.into(), size))
-            .map(Self)
-            .map_err(raise)
+    fn load(
+        name_or_path: PathBuf,
+        target: &Bound<'_, PyAny>,
+        size: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<Self> {
+        Self::find(&name_or_path, point(target, "target")?, size_of(size)?)
+    }
+
+    /// The views of the images in a data set of xarray with the variables of a file of images.
+    #[staticmethod]
+    fn from_dataset(dataset: &Bound<'_, PyAny>) -> PyResult<Self> {
+        views_of(dataset)
     }
 
     /// The views of a string-of-pearls formation: satellites at equal distances on one orbit, with
@@ -204,9 +320,9 @@ impl Views {
     /// ----------
     /// target : (float, float, float)
     ///     The point at which all cameras are pointed (km).
-    /// altitude : float
+    /// altitude_km : float
     ///     Altitude of the orbit (km).
-    /// arc : float
+    /// arc_km : float
     ///     Distance between adjacent satellites along the orbit (km).
     /// first, last : int
     ///     Numbers of the first and the last satellite.
@@ -219,29 +335,31 @@ impl Views {
     #[staticmethod]
     #[pyo3(
         signature = (
-            target, altitude = 600.0, arc = 100.0, first = -16, last = 15,
-            *, track_azimuth_deg = 0.0, pixel_km = 0.05, size = [32, 32],
+            target, altitude_km = 600.0, arc_km = 100.0, first = None, last = None,
+            *, track_azimuth_deg = 0.0, pixel_km = 0.05, size = None,
         ),
-        text_signature = "(target, altitude=600.0, arc=100.0, first=-16, last=15, *, \
+        text_signature = "(target, altitude_km=600.0, arc_km=100.0, first=-16, last=15, *, \
                           track_azimuth_deg=0.0, pixel_km=0.05, size=(32, 32))",
     )]
     // In Python these are keyword arguments with defaults.
     #[allow(clippy::too_many_arguments)]
     fn string_of_pearls(
-        target: Point,
-        altitude: f64,
-        arc: f64,
-        first: i32,
-        last: i32,
+        target: &Bound<'_, PyAny>,
+        altitude_km: f64,
+        arc_km: f64,
+        first: Option<&Bound<'_, PyAny>>,
+        last: Option<&Bound<'_, PyAny>>,
         track_azimuth_deg: f64,
         pixel_km: f64,
-        size: [usize; 2],
+        size: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
+        let first: i32 = first.map_or(Ok(-16), |first| whole(first, "first"))?;
+        let last: i32 = last.map_or(Ok(15), |last| whole(last, "last"))?;
         let formation =
-            scene::Formation::string_of_pearls(altitude, arc, first..=last).map_err(raise)?;
+            scene::Formation::string_of_pearls(altitude_km, arc_km, first..=last).map_err(raise)?;
         let track_azimuth = track_azimuth_deg.to_radians();
         scene::Formation { track_azimuth, pixel_km, ..formation }
-            .views(target.into(), size)
+            .views(point(target, "target")?, size_of(size)?)
             .map(Self)
             .map_err(raise)
     }
@@ -264,6 +382,33 @@ impl Views {
         self.each(py, scene::View::pixel_km)
     }
 
+    /// The point at which each camera is pointed (km): numpy.ndarray, float64, [view, 3].
+    #[getter]
+    fn target<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray2<f64>> {
+        self.vectors(py, |view| view.target)
+    }
+
+    /// Position of each camera (km): numpy.ndarray, float64, [view, 3]; NaN for cameras at infinity.
+    #[getter]
+    fn position<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray2<f64>> {
+        self.vectors(py, |view| match view.projection {
+            scene::Projection::Perspective { position, .. } => position,
+            _ => DVec3::NAN,
+        })
+    }
+
+    /// Unit vector from the target towards each camera: numpy.ndarray, float64, [view, 3].
+    #[getter]
+    fn direction<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray2<f64>> {
+        self.vectors(py, scene::View::towards)
+    }
+
+    /// Number of rows and columns of each image.
+    #[getter]
+    fn size(&self) -> Vec<(usize, usize)> {
+        self.0.iter().map(|view| (view.rows, view.cols)).collect()
+    }
+
     fn __len__(&self) -> usize {
         self.0.len()
     }
@@ -273,27 +418,64 @@ impl Views {
         PyTuple::new(py, views.collect::<Vec<_>>())?.try_iter()
     }
 
-    fn __getitem__(&self, index: isize) -> PyResult<View> {
-        let wrapped = if index < 0 { index + self.0.len() as isize } else { index };
-        usize::try_from(wrapped)
-            .ok()
-            .and_then(|index| self.0.get(index))
-            .map(|view| View(*view))
-            .ok_or_else(|| PyIndexError::new_err(format!("there is no view {index}")))
+    fn __getitem__<'py>(&self, index: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
+        let py = index.py();
+        if let Ok(slice) = index.cast::<PySlice>() {
+            let count = self.0.len() as isize;
+            let indices = slice.indices(count)?;
+            let chosen = (0..indices.slicelength as isize)
+                .map(|step| self.0[(indices.start + step * indices.step) as usize]);
+            return Ok(Bound::new(py, Self::of(chosen.collect())?)?.into_any());
+        }
+        let index: i64 = index.extract()?;
+        let wrapped = if index < 0 { index + self.0.len() as i64 } else { index };
+        let view = usize::try_from(wrapped).ok().and_then(|index| self.0.get(index));
+        let view =
+            view.ok_or_else(|| PyIndexError::new_err(format!("there is no view {index}")))?;
+        Ok(Bound::new(py, View(*view))?.into_any())
     }
 
-    fn __repr__(&self) -> String {
-        format!("Views({})", self.0.len())
+    fn __add__(&self, other: ViewSequence) -> Self {
+        Self([&self.0[..], &other.0].concat())
+    }
+
+    fn __radd__(&self, other: ViewSequence) -> Self {
+        Self([&other.0[..], &self.0].concat())
     }
 }
 
 impl Views {
+    fn of(views: Vec<scene::View>) -> PyResult<Self> {
+        if views.is_empty() {
+            return Err(raise(Error::out_of_range("number of views", 0, "at least 1")));
+        }
+        Ok(Self(views))
+    }
+
+    /// The views of a formation, by its name or file.
+    pub(crate) fn find(name_or_path: &Path, target: DVec3, size: [usize; 2]) -> PyResult<Self> {
+        scene::ViewList::find(&name_or_path.to_string_lossy())
+            .and_then(|list| list.views(target, size))
+            .map(Self)
+            .map_err(raise)
+    }
+
     fn each<'py>(
         &self,
         py: Python<'py>,
         number: impl Fn(&scene::View) -> f64,
     ) -> Bound<'py, PyArray1<f64>> {
         self.0.iter().map(number).collect::<Array1<_>>().into_pyarray(py)
+    }
+
+    fn vectors<'py>(
+        &self,
+        py: Python<'py>,
+        vector: impl Fn(&scene::View) -> DVec3,
+    ) -> Bound<'py, PyArray2<f64>> {
+        let vectors: Vec<DVec3> = self.0.iter().map(vector).collect();
+        Array2::from_shape_fn((vectors.len(), 3), |(view, axis)| vectors[view][axis])
+            .into_pyarray(py)
     }
 }
 

@@ -57,11 +57,11 @@ def test_clouds(files, cloud):
 
 def test_images(files, cloud, cloud_views):
     scene = (cloud.extinction, cloud.grid, cloud_views)
-    images = deepct_py.render(*scene, samples_per_pixel=4, seed=5).radiance
+    images = deepct_py.render(*scene, samples=4, seed=5).radiance
     assert images.max() > 0.05
     assert np.array_equal(images, read(files["images"], "radiance"))
     light = deepct_py.Light(sun_zenith_deg=70.0, sun_azimuth_deg=260.0, surface_albedo=0.3)
-    evening = deepct_py.render(*scene, light, samples_per_pixel=2, seed=5)
+    evening = deepct_py.render(*scene, light, samples=2, seed=5)
     assert np.array_equal(evening.radiance, read(files["evening"], "radiance"))
     stored = read(files["evening"], "radiance_standard_error")
     assert np.array_equal(evening.standard_error, stored)
@@ -110,7 +110,8 @@ def test_the_light_of_a_file(files, cloud, cloud_views):
         assert deepct_py.Light.from_dataset(dataset) == light
         with pytest.warns(UserWarning, match="does not state air, surface_albedo"):
             sun_only = deepct_py.Light.from_dataset(dataset.drop_vars("light"))
-    assert sun_only == light.replace(surface_albedo=0.05)
+    assert sun_only.to_dict() == light.replace(surface_albedo=0.05).to_dict()
+    assert "surface_albedo" in sun_only.assumed and "wavelength" not in sun_only.assumed
 
 
 def test_parts_and_averages_of_images(files, tmp_path, cloud, cloud_views, command_line):

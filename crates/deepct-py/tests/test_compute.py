@@ -52,7 +52,7 @@ os._exit(0)
     "call",
     [
         "deepct.invert(images.radiance, views, grid, images.light, misfit=0.0, change=0.0)",
-        "deepct.render(cloud.extinction, grid, views, samples_per_pixel=10_000_000)",
+        "deepct.render(cloud.extinction, grid, views, samples=10_000_000)",
         "deepct.render(cloud.extinction, grid, views, solver='ordinates', accuracy=0.004)",
         "deepct.generate_cloud(deepct.Grid((60, 800, 800), (0.05, 0.05, 0.04), (0.0, 0.0, 0.48)), "
         "kind='field')",
@@ -195,15 +195,27 @@ def test_units_of_arrays_are_those_of_the_argument(scene):
     own = xarray.DataArray(extinction, dims=axes, attrs={"units": "km-1"})
     assert deepct.score(own, extinction).relative_error == 0.0
     metres = xarray.DataArray(extinction / 1000.0, dims=axes, attrs={"units": "m-1"})
-    with pytest.raises(ValueError, match='has the units "m-1", but km-1 is expected'):
-        deepct.render(metres, GRID, views, samples_per_pixel=2)
+    assert deepct.score(extinction, metres).relative_error < 1e-6
+    for units in ("g m-3", "sr-1", "apples"):
+        with pytest.raises(ValueError, match=f'has the units "{units}", but km-1 is expected'):
+            deepct.render(own.assign_attrs(units=units), GRID, views, samples=2)
+    images = xarray.DataArray(
+        np.full((10, 16, 16), 300.0), dims=("view", "row", "col"),
+        attrs={"units": "W m-2 sr-1 um-1"},
+    )
+    with pytest.raises(ValueError, match='has the units "W m-2 sr-1 um-1", but sr-1'):
+        deepct.Observation(images, views)
+    stated = deepct.Observation(images, views, deepct.Light(solar_irradiance=1530.0))
+    assert stated.radiance.max() == 300.0
     downwards = own.assign_coords(z=-np.arange(float(len(extinction))))
+    assert deepct.score(downwards, extinction[::-1]).relative_error == 0.0
+    shuffled = own.assign_coords(z=np.arange(float(len(extinction))) % 5)
     with pytest.raises(ValueError, match="along z that do not ascend"):
-        deepct.score(downwards, extinction)
+        deepct.score(shuffled, extinction)
     mie = deepct.Light(phase="mie")
     radii = np.full(extinction.shape, 8e-6, np.float32)
     with pytest.raises(ValueError, match="from 0.1 to 100"):
-        deepct.render(extinction, GRID, views, mie, effective_radius=radii, samples_per_pixel=2)
+        deepct.render(extinction, GRID, views, mie, effective_radius=radii, samples=2)
 
 
 def test_lists_of_masked_arrays_are_refused(scene):
@@ -225,7 +237,7 @@ def test_a_trilinear_medium_is_surrounded_by_clear_voxels(scene):
     _, views, _ = scene
     full = np.ones(GRID.shape, np.float32)
     with pytest.raises(ValueError, match="surround it by clear voxels"):
-        deepct.render(full, GRID, views, trilinear=True, samples_per_pixel=2)
+        deepct.render(full, GRID, views, trilinear=True, samples=2)
     inner = np.zeros(GRID.shape, np.float32)
     inner[1:-1, 1:-1, 1:-1] = 1.0
-    deepct.render(inner, GRID, views, trilinear=True, samples_per_pixel=2)
+    deepct.render(inner, GRID, views, trilinear=True, samples=2)

@@ -102,9 +102,9 @@ def test_inference_is_that_of_numpy(network, layers, radiance, views, light, gri
 
 
 def test_an_estimate_tells_its_uncertainty(network, radiance, views, grid):
-    extinction, uncertainty = network.estimate(radiance, views)
-    np.testing.assert_array_equal(extinction, network.infer(radiance, views))
-    assert uncertainty is None
+    estimate = network.estimate(radiance, views)
+    np.testing.assert_array_equal(estimate.extinction, network.infer(radiance, views))
+    assert estimate.uncertainty is None
     # The built-in network estimates its uncertainty, which is largest within the cloud.
     built_in = deepct_py.Network.load("cloudct-10")
     cloud = deepct_py.generate_cloud(seed=3)
@@ -113,13 +113,14 @@ def test_an_estimate_tells_its_uncertainty(network, radiance, views, grid):
         cloud.extinction, cloud.grid, views,
         deepct_py.Light(phase="mie", effective_radius=10.0, air=True), solver="ordinates",
     ).radiance
-    extinction, uncertainty = built_in.estimate(images, views)
+    estimate = built_in.estimate(images, views)
+    extinction, uncertainty = estimate.extinction, estimate.uncertainty
     assert uncertainty.shape == extinction.shape and uncertainty.min() >= 0.0
     error = np.abs(extinction - cloud.extinction)
     assert 0.5 < uncertainty.mean() / error.mean() < 2.0
     assert np.corrcoef(uncertainty.ravel(), error.ravel())[0, 1] > 0.5
     mask = cloud.extinction > 0.0
-    masked = built_in.estimate(images, views, mask=mask)[1]
+    masked = built_in.estimate(images, views, mask=mask).uncertainty
     np.testing.assert_array_equal(masked, np.where(mask, uncertainty, 0.0))
 
 
@@ -130,8 +131,10 @@ def test_a_mask_sets_what_is_outside_to_zero(network, radiance, views, grid):
     np.testing.assert_array_equal(masked, np.where(mask, whole, 0.0))
     with pytest.raises(ValueError, match="mask"):
         network.infer(radiance, views, mask=mask[1:])
-    with pytest.raises(TypeError, match="booleans"):
-        network.infer(radiance, views, mask=mask.astype(float))
+    for same in (mask.astype(int), mask.astype(float), mask.tolist(), deepct_py.Carved(grid, mask)):
+        np.testing.assert_array_equal(network.infer(radiance, views, mask=same), masked)
+    with pytest.raises(ValueError, match="mask holds 2"):
+        network.infer(radiance, views, mask=2 * mask.astype(int))
 
 
 def test_images_of_another_geometry_are_refused(network, radiance, views, grid):

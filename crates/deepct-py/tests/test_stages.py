@@ -36,7 +36,7 @@ def test_clear_air_shows_the_surface(grid, views):
     """Without cloud, the radiance of every pixel is albedo x cos(solar zenith) / pi."""
     clear = np.zeros(grid.shape, np.float32)
     light = deepct_py.Light(sun_zenith_deg=40.0, sun_azimuth_deg=10.0, surface_albedo=0.3)
-    rendering = deepct_py.render(clear, grid, views, light, samples_per_pixel=4)
+    rendering = deepct_py.render(clear, grid, views, light, samples=4)
     assert rendering.radiance.shape == (10, 16, 16)
     assert rendering.radiance.dtype == rendering.standard_error.dtype == np.float32
     expected = 0.3 * np.cos(np.radians(40.0)) / np.pi
@@ -53,7 +53,7 @@ def test_an_absorbing_slab_dims_the_surface(grid):
         deepct_py.Light(
             sun_zenith_deg=zenith, surface_albedo=1.0, periodic=True, single_scattering_albedo=0.0
         ),
-        samples_per_pixel=4096, seed=5,
+        samples=4096, seed=5,
     )
     mu0, mu = np.cos(np.radians([zenith, 60.0]))
     expected = mu0 / np.pi * np.exp(-optical_depth * (1.0 / mu0 + 1.0 / mu))
@@ -69,7 +69,7 @@ def test_a_wanted_noise_is_reached(grid, extinction, views):
         squares.append((error[bright] / radiance[bright]) ** 2)
     assert 0.03 < np.sqrt(np.concatenate(squares).mean()) <= 0.0501
     again = deepct_py.render(
-        extinction, grid, views, samples_per_pixel=rendering.samples_per_pixel
+        extinction, grid, views, samples=rendering.samples_per_pixel
     )
     np.testing.assert_allclose(again.radiance.mean(), rendering.radiance.mean(), rtol=0.02)
 
@@ -107,7 +107,7 @@ def test_air_and_waves_add_light(grid, views):
     clear = np.zeros(grid.shape, np.float32)
     def mean(**more):
         light = deepct_py.Light(surface_albedo=0.0, **more)
-        return deepct_py.render(clear, grid, views, light, samples_per_pixel=64).radiance.mean()
+        return deepct_py.render(clear, grid, views, light, samples=64).radiance.mean()
 
     assert mean() == 0.0
     assert mean(wind_speed=7.0) > 0.0
@@ -237,7 +237,7 @@ def test_ordinates_tell_what_they_neglect(grid, extinction, views):
 def test_an_inversion_finds_a_thin_ball(grid, extinction, views):
     thin = (extinction / 15).astype(np.float32)
     light = deepct_py.Light(surface_albedo=0.0)
-    images = deepct_py.render(thin, grid, views, light, samples_per_pixel=20000)
+    images = deepct_py.render(thin, grid, views, light, samples=20000)
     options = {
         "light": light,
         "standard_error": images.standard_error,
@@ -253,7 +253,7 @@ def test_an_inversion_finds_a_thin_ball(grid, extinction, views):
     )
     assert found.history[-1]["misfit"] < 3.0
     assert errors[-1] < 0.3 and found.ending in ("noise", "iterations", "stalled")
-    other = deepct_py.invert(images.radiance, views, grid, start=found.extinction, **options)
+    other = deepct_py.invert(images.radiance, views, grid, init=found.extinction, **options)
     assert other.history[0]["misfit"] < 1.1 * found.history[-1]["misfit"]
     with pytest.raises(TypeError, match="iteratons"):
         deepct_py.invert(images.radiance, views, grid, iteratons=3)
@@ -266,7 +266,7 @@ def test_an_inversion_knows_droplets_and_air(grid, extinction, views):
     )
     with pytest.warns(UserWarning, match="ocean waves"):
         images = deepct_py.render(extinction, grid, views, light, solver="ordinates")
-    options = {"start": extinction, "iterations": 0, "mask": extinction > 0.0}
+    options = {"init": extinction, "iterations": 0, "mask": extinction > 0.0}
 
     def misfit(**other):
         found = deepct_py.invert(
@@ -288,7 +288,7 @@ def test_a_light_is_a_table_of_values():
     assert deepct_py.Light(**light.to_dict()) == light
     assert light.replace(air=False) != light
     assert light.replace(wind_speed=None).wind_speed is None
-    assert "phase=\"mie\"" in repr(light)
+    assert eval(repr(light), {"Light": deepct_py.Light}) == light
     for error, values in [
         (TypeError, {"sun_zenith": 3.0}),
         (ValueError, {"sun_zenith_deg": "noon"}),
@@ -312,7 +312,7 @@ def test_a_hybrid_starts_from_the_network(views):
     assert grid.shape[0] == levels["count"]
     z, y, x = np.meshgrid(grid.z, grid.y, grid.x, indexing="ij")
     ball = (x - 0.3) ** 2 + (y - 0.3) ** 2 + (z - target) ** 2 < 0.2**2
-    images = deepct_py.render(np.where(ball, 10.0, 0.0), grid, near, samples_per_pixel=64)
+    images = deepct_py.render(np.where(ball, 10.0, 0.0), grid, near, samples=64)
     options = {"standard_error": images.standard_error, "scale_start": False}
     found = deepct_py.hybrid(images.radiance, near, network, iterations=0, **options)
     guess = network.infer(images.radiance, near, mask=found.mask)

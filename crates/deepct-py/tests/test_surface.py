@@ -28,12 +28,15 @@ def test_xarray_objects_are_arrays(extinction):
     xarray = pytest.importorskip("xarray")
     field = xarray.DataArray(extinction, dims=("z", "y", "x"))
     assert deepct_py.score(field, field).relative_error == 0.0
-    with pytest.raises(ValueError, match=r"axes \[x, y, z\], but must have \[z, y, x\]"):
-        deepct_py.score(field.transpose("x", "y", "z"), field)
+    turned = field.transpose("x", "y", "z")
+    assert deepct_py.score(turned, field).relative_error == 0.0
+    assert deepct_py.score(turned.expand_dims(time=1), field).relative_error == 0.0
+    with pytest.raises(ValueError, match=r"isel\(time=0\)"):
+        deepct_py.score(xarray.concat([turned, turned], "time"), field)
 
 
 def test_fortran_order_reaches_the_stages(grid, extinction, views):
-    options = {"samples_per_pixel": 2}
+    options = {"samples": 2}
     straight = deepct_py.render(extinction, grid, views, **options).radiance
     fortran = deepct_py.render(np.asfortranarray(extinction), grid, views, **options).radiance
     assert np.array_equal(straight, fortran) and straight.flags.c_contiguous
@@ -56,7 +59,7 @@ def test_wrong_arguments_are_refused(grid, extinction, views):
         (ValueError, "shape", lambda: deepct_py.render(extinction[1:], grid, views)),
         (TypeError, "sequence of View", lambda: deepct_py.render(extinction, grid, [1, 2])),
         (ValueError, "samples", lambda: deepct_py.render(
-            extinction, grid, views, samples_per_pixel=0)),
+            extinction, grid, views, samples=0)),
         (ValueError, "cmv9", lambda: deepct_py.sense(images, "cmv9")),
         (ValueError, "radiance", lambda: deepct_py.sense(-images)),
         (ValueError, "number of views", lambda: deepct_py.carve(images[:3], views, grid)),
@@ -89,7 +92,7 @@ def test_other_threads_go_on_while_a_stage_works(grid, extinction, views):
     ticking.start()
     before = ticks[0]
     start = time.perf_counter()
-    deepct_py.render(extinction, grid, views, samples_per_pixel=256)
+    deepct_py.render(extinction, grid, views, samples=256)
     took, counted = time.perf_counter() - start, ticks[0] - before
     stop.set()
     ticking.join()

@@ -133,7 +133,8 @@ def _results(weights: GeneralWeights, pool: Path) -> Iterator[Found]:
                 for view in selected
             ]
             light = deepct.Light(**_sun(scene["sun"]))
-            estimate, uncertainty = network.estimate(images, cameras, light, grid=grid)
+            answer = network.estimate(images, cameras, light, grid=grid)
+            estimate, uncertainty = answer.extinction, answer.uncertainty
             total = float(estimate.sum())
             if total <= 0.0:
                 continue

@@ -70,7 +70,7 @@ class DeepctRenderer:
         self._deepct: Any = deepct_py
         self.solver = solver
         error = "accuracy" if solver == "ordinates" else "noise"
-        self._accuracy = {error: noise} if samples is None else {"samples_per_pixel": samples}
+        self._accuracy = {error: noise} if samples is None else {"samples": samples}
 
     def render(self, scenes: Sequence[Scene]) -> np.ndarray:
         return np.stack([self._one(scene) for scene in scenes])

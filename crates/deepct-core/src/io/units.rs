@@ -92,6 +92,12 @@ const PREFIXES: [(&str, &str, i32); 10] = [
     ("G", "giga", 9),
 ];
 
+/// The factor that converts a number in one unit to one in another; `None` if they are units of
+/// different quantities, or if one is not understood.
+pub fn unit_factor(from: &str, to: &str) -> Option<f64> {
+    Unit::parse(from)?.factor_to(&Unit::parse(to)?)
+}
+
 impl Unit {
     /// The unit of a plain number.
     const ONE: Self = Self {

@@ -14,5 +14,5 @@ mod volume;
 
 pub use boxes::{BoxGroup, box_figure};
 pub use scatter::scatter_figure;
-pub use sheet::contact_sheet;
+pub use sheet::{contact_sheet, view_labels};
 pub use volume::volume_figure;

@@ -3,7 +3,7 @@
 use super::page::{Anchor, Colour, Frame, LABEL, Page, TICK, TITLE};
 use super::panel::{ColourBar, ColourScale, draw_map};
 use crate::error::{Error, Result};
-use crate::image::ViewStack;
+use crate::image::{ViewGeometry, ViewStack};
 use glam::DVec2;
 use std::path::Path;
 
@@ -95,6 +95,17 @@ fn draw_cross(page: &mut Page, frame: Frame, at: DVec2) {
     for arm in [DVec2::X, DVec2::Y] {
         page.line(middle - CROSS * arm, middle + CROSS * arm, 2.0, CROSS_COLOUR);
     }
+}
+
+/// Labels for [`contact_sheet`] with the viewing direction and the pixel size of each image.
+pub fn view_labels(geometry: &ViewGeometry) -> Vec<String> {
+    let directions = geometry.view_zenith_deg.iter().zip(&geometry.view_azimuth_deg);
+    directions
+        .zip(&geometry.pixel_km)
+        .map(|((zenith, azimuth), pixel)| {
+            format!("zenith {zenith:.1}°\nazimuth {azimuth:.0}°, {:.0} m", 1000.0 * pixel)
+        })
+        .collect()
 }
 
 /// Draw the lines of a label above a point.

@@ -5,25 +5,39 @@ Each processing stage is a function with the name of the corresponding command o
     import deepct_py as deepct
 
     cloud = deepct.generate_cloud(seed=7)
-    views = deepct.Views.load("cloudct-10", target=(0.8, 0.8, 1.0))
-    images = deepct.sense(deepct.render(cloud.extinction, cloud.grid, views).radiance)
-    mask = deepct.carve(images.radiance, views, cloud.grid).mask
+    light = deepct.Light(air=True, phase="mie")
+    images = deepct.sense(deepct.render(cloud, views="cloudct-10", light=light))
+    estimate = deepct.Network.load("cloudct-10").estimate(images)
+    print(deepct.score(cloud, estimate))
 
-Volumes are arrays ``[z, y, x]`` and images are arrays ``[view, row, col]`` of 32-bit floats;
-other number types and xarray objects are converted. Lengths are in km, extinction is in 1/km,
-and radiance is in 1/sr for a solar irradiance of 1. Rows increase towards the north and columns
-towards the east. The functions raise ``ValueError`` for an invalid argument, ``OSError`` for an
-error of the operating system and ``DeepctError`` for invalid contents of a file. They release
-the global interpreter lock while they run.
+    images.to_netcdf("images.nc")
+    deepct.plot(estimate, cloud, out="figure.png")
+
+Volumes are arrays ``[z, y, x]`` and images are arrays ``[view, row, col]`` of 32-bit floats.
+Functions take them as arrays of any number type, as xarray objects, whose axes are found by name
+and whose units are converted, or as objects of this module, which also state the grid, the views
+and the scene illumination. Lengths are in km, extinction is in 1/km, and radiance is in 1/sr for a
+solar irradiance of 1. Rows increase towards the north and columns towards the east.
+
+All objects can be compared, hashed, copied and pickled. Those with arrays have ``to_netcdf`` and
+``to_xarray``; ``read_cloud``, ``read_images``, ``read_mask`` and ``read_volume`` read the files.
+
+The functions raise ``ValueError`` for an invalid argument, ``OSError`` for an error of the
+operating system and ``DeepctError`` for invalid contents of a file. They release the global
+interpreter lock while they run.
 """
 
 from ._deepct import (
     Carved,
     Cloud,
     DeepctError,
+    Estimate,
+    Exposure,
+    Figure,
     Grid,
     Light,
     Network,
+    Observation,
     Reconstruction,
     Rendering,
     Scores,
@@ -36,19 +50,30 @@ from ._deepct import (
     carve,
     generate_cloud,
     hybrid,
+    import_cloud,
     invert,
+    plot,
+    read_cloud,
+    read_images,
+    read_mask,
+    read_volume,
     render,
     score,
     sense,
+    set_threads,
 )
 
 __all__ = [
     "Carved",
     "Cloud",
     "DeepctError",
+    "Estimate",
+    "Exposure",
+    "Figure",
     "Grid",
     "Light",
     "Network",
+    "Observation",
     "Reconstruction",
     "Rendering",
     "Scores",
@@ -60,8 +85,15 @@ __all__ = [
     "carve",
     "generate_cloud",
     "hybrid",
+    "import_cloud",
     "invert",
+    "plot",
+    "read_cloud",
+    "read_images",
+    "read_mask",
+    "read_volume",
     "render",
     "score",
     "sense",
+    "set_threads",
 ]

@@ -1,21 +1,73 @@
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from os import PathLike
-from typing import Any, Literal, Optional, Union, final
+from typing import Any, Literal, Optional, Union, final, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from typing_extensions import disjoint_base
 
+_Path = Union[str, PathLike[str]]
 _Point = tuple[float, float, float]
+_Floats = NDArray[np.float32]
+_Marks = NDArray[np.bool_]
+# Numbers of a tuple, a list or an array.
+_Numbers = Union[Sequence[float], NDArray[Any]]
+_Progress = Union[bool, Callable[[dict[str, Any]], object]]
+_Extinction = Union[ArrayLike, "Cloud", "Estimate", "Reconstruction"]
+_Mask = Union[ArrayLike, "Carved", "Reconstruction"]
+_Images = Union[ArrayLike, "Observation"]
+_Views = Union["Views", Sequence["View"]]
+
+__all__ = [
+    "Carved",
+    "Cloud",
+    "DeepctError",
+    "Estimate",
+    "Exposure",
+    "Figure",
+    "Grid",
+    "Light",
+    "Network",
+    "Observation",
+    "Reconstruction",
+    "Rendering",
+    "Scores",
+    "Sensed",
+    "Sensor",
+    "View",
+    "Views",
+    "camera_from_ecef",
+    "carve",
+    "generate_cloud",
+    "hybrid",
+    "import_cloud",
+    "invert",
+    "plot",
+    "read_cloud",
+    "read_images",
+    "read_mask",
+    "read_volume",
+    "render",
+    "score",
+    "sense",
+    "set_threads",
+]
 
 __version__: str
 
 class DeepctError(Exception): ...
 
+def set_threads(count: Optional[int] = None) -> None: ...
+
 @final
 class Grid:
     def __new__(
-        cls, shape: tuple[int, int, int], spacing: _Point, origin: _Point = (0.0, 0.0, 0.0)
+        cls, shape: _Numbers, spacing: _Numbers, origin: _Numbers = (0.0, 0.0, 0.0)
     ) -> Grid: ...
+    @staticmethod
+    def from_dataset(dataset: Any) -> Grid: ...
+    @staticmethod
+    def from_file(path: _Path) -> Grid: ...
     @property
     def shape(self) -> tuple[int, int, int]: ...
     @property
@@ -30,19 +82,34 @@ class Grid:
     def y(self) -> NDArray[np.float64]: ...
     @property
     def z(self) -> NDArray[np.float64]: ...
+    def _repr_html_(self) -> str: ...
 
 @final
 class Cloud:
+    def __new__(
+        cls,
+        grid: Grid,
+        *,
+        extinction: Optional[ArrayLike] = None,
+        liquid_water_content: Optional[ArrayLike] = None,
+        effective_radius: Optional[ArrayLike] = None,
+        effective_variance: Optional[ArrayLike] = None,
+    ) -> Cloud: ...
+    @staticmethod
+    def from_dataset(dataset: Any) -> Cloud: ...
     @property
     def grid(self) -> Grid: ...
     @property
-    def extinction(self) -> NDArray[np.float32]: ...
+    def extinction(self) -> _Floats: ...
     @property
-    def liquid_water_content(self) -> NDArray[np.float32]: ...
+    def liquid_water_content(self) -> Optional[_Floats]: ...
     @property
-    def effective_radius(self) -> NDArray[np.float32]: ...
+    def effective_radius(self) -> Optional[_Floats]: ...
     @property
-    def effective_variance(self) -> NDArray[np.float32]: ...
+    def effective_variance(self) -> Optional[_Floats]: ...
+    def to_netcdf(self, path: _Path, *, title: str = "Cloud") -> None: ...
+    def to_xarray(self) -> Any: ...
+    def _repr_html_(self) -> str: ...
 
 def generate_cloud(
     grid: Optional[Grid] = None,
@@ -50,6 +117,22 @@ def generate_cloud(
     kind: Literal["cumulus", "field"] = "cumulus",
     seed: int = 1,
     **settings: Any,
+) -> Cloud: ...
+def read_cloud(path: _Path, *, allow_implausible: bool = False) -> Cloud: ...
+def import_cloud(
+    path: Union[_Path, Any],
+    *,
+    time: int = 0,
+    crop: Optional[_Numbers] = None,
+    droplets: Optional[float] = None,
+    air_density: Union[float, str, None] = None,
+    variable: Optional[str] = None,
+    axes: Optional[str] = None,
+    spacing: Union[_Numbers, Literal["file"]] = (0.05, 0.05, 0.04),
+    base: Optional[float] = None,
+    levels: Optional[int] = None,
+    units: Mapping[str, str] = {},
+    allow_implausible: bool = False,
 ) -> Cloud: ...
 
 @final
@@ -59,6 +142,7 @@ class Light:
         *,
         sun_zenith_deg: float = 30.0,
         sun_azimuth_deg: float = 45.0,
+        sun: Optional[_Numbers] = None,
         solar_irradiance: float = 1.0,
         wavelength: float = 0.672,
         air: bool = False,
@@ -74,30 +158,80 @@ class Light:
         bandwidth: float = 0.0,
         effective_variance: Optional[float] = None,
         effective_radius: Optional[float] = None,
+        assumed: Sequence[str] = (),
     ) -> Light: ...
     @staticmethod
     def from_dataset(dataset: Any) -> Light: ...
+    @property
+    def sun(self) -> tuple[float, float]: ...
+    @property
+    def assumed(self) -> list[str]: ...
     def replace(self, **values: Any) -> Light: ...
     def to_dict(self) -> dict[str, Union[float, bool, str]]: ...
-    def __getattr__(self, name: str, /) -> Any: ...
+    @property
+    def sun_zenith_deg(self) -> float: ...
+    @property
+    def sun_azimuth_deg(self) -> float: ...
+    @property
+    def solar_irradiance(self) -> float: ...
+    @property
+    def wavelength(self) -> float: ...
+    @property
+    def air(self) -> bool: ...
+    @property
+    def surface_albedo(self) -> float: ...
+    @property
+    def surface_altitude_km(self) -> float: ...
+    @property
+    def wind_speed(self) -> Optional[float]: ...
+    @property
+    def periodic(self) -> bool: ...
+    @property
+    def phase(self) -> Literal["hg", "mie", "isotropic"]: ...
+    @property
+    def extinction(self) -> Literal["geometric", "mie"]: ...
+    @property
+    def asymmetry(self) -> float: ...
+    @property
+    def single_scattering_albedo(self) -> float: ...
+    @property
+    def distribution(self) -> Literal["gamma", "lognormal"]: ...
+    @property
+    def bandwidth(self) -> float: ...
+    @property
+    def effective_variance(self) -> Optional[float]: ...
+    @property
+    def effective_radius(self) -> Optional[float]: ...
+    def _repr_html_(self) -> str: ...
 
 def camera_from_ecef(
-    position: _Point, latitude_deg: float, longitude_deg: float
+    position: _Numbers, latitude_deg: float, longitude_deg: float
 ) -> _Point: ...
 
 @final
 class View:
+    def __new__(
+        cls,
+        *,
+        target: _Numbers,
+        position: Optional[_Numbers] = None,
+        pixel_tangent: Optional[float] = None,
+        direction: Optional[_Numbers] = None,
+        pixel_km: Optional[float] = None,
+        size: _Numbers = (32, 32),
+        shift: _Numbers = (0.0, 0.0),
+    ) -> View: ...
     @staticmethod
     def perspective(
-        position: _Point, target: _Point, pixel_tangent: float, size: tuple[int, int] = (32, 32)
+        position: _Numbers, target: _Numbers, pixel_tangent: float, size: _Numbers = (32, 32)
     ) -> View: ...
     @staticmethod
     def orthographic(
         zenith_deg: float,
         azimuth_deg: float,
-        target: _Point,
+        target: _Numbers,
         pixel_km: float,
-        size: tuple[int, int] = (32, 32),
+        size: _Numbers = (32, 32),
         *,
         looks_up: bool = False,
     ) -> View: ...
@@ -112,31 +246,36 @@ class View:
     @property
     def position(self) -> Optional[_Point]: ...
     @property
+    def pixel_tangent(self) -> Optional[float]: ...
+    @property
+    def direction(self) -> _Point: ...
+    @property
     def size(self) -> tuple[int, int]: ...
     @property
     def shift(self) -> tuple[float, float]: ...
-    def part(self, first: tuple[int, int], size: tuple[int, int]) -> View: ...
-    def project(self, point: _Point) -> Optional[tuple[float, float]]: ...
+    def part(self, first: _Numbers, size: _Numbers) -> View: ...
+    def project(self, point: _Numbers) -> Optional[tuple[float, float]]: ...
     def ray(self, row: float, col: float) -> tuple[_Point, _Point]: ...
+    def _repr_html_(self) -> str: ...
 
 @final
 class Views:
     def __new__(cls, views: Sequence[View]) -> Views: ...
     @staticmethod
-    def load(
-        name_or_path: Union[str, PathLike[str]], target: _Point, size: tuple[int, int] = (32, 32)
-    ) -> Views: ...
+    def load(name_or_path: _Path, target: _Numbers, size: _Numbers = (32, 32)) -> Views: ...
+    @staticmethod
+    def from_dataset(dataset: Any) -> Views: ...
     @staticmethod
     def string_of_pearls(
-        target: _Point,
-        altitude: float = 600.0,
-        arc: float = 100.0,
+        target: _Numbers,
+        altitude_km: float = 600.0,
+        arc_km: float = 100.0,
         first: int = -16,
         last: int = 15,
         *,
         track_azimuth_deg: float = 0.0,
         pixel_km: float = 0.05,
-        size: tuple[int, int] = (32, 32),
+        size: _Numbers = (32, 32),
     ) -> Views: ...
     @property
     def zenith_deg(self) -> NDArray[np.float64]: ...
@@ -144,31 +283,81 @@ class Views:
     def azimuth_deg(self) -> NDArray[np.float64]: ...
     @property
     def pixel_km(self) -> NDArray[np.float64]: ...
+    @property
+    def target(self) -> NDArray[np.float64]: ...
+    @property
+    def position(self) -> NDArray[np.float64]: ...
+    @property
+    def direction(self) -> NDArray[np.float64]: ...
+    @property
+    def size(self) -> list[tuple[int, int]]: ...
     def __len__(self) -> int: ...
+    @overload
     def __getitem__(self, index: int, /) -> View: ...
+    @overload
+    def __getitem__(self, index: slice, /) -> Views: ...
+    def __add__(self, other: _Views, /) -> Views: ...
+    def __radd__(self, other: Sequence[View], /) -> Views: ...
     def __iter__(self) -> Iterator[View]: ...
+    def _repr_html_(self) -> str: ...
 
-@final
-class Rendering:
+@disjoint_base
+class Observation:
+    def __new__(
+        cls,
+        radiance: ArrayLike,
+        views: _Views,
+        light: Optional[Light] = None,
+        *,
+        standard_error: Optional[ArrayLike] = None,
+        saturated: Optional[ArrayLike] = None,
+    ) -> Observation: ...
+    @staticmethod
+    def from_dataset(dataset: Any) -> Observation: ...
     @property
-    def radiance(self) -> NDArray[np.float32]: ...
+    def radiance(self) -> _Floats: ...
     @property
-    def standard_error(self) -> Optional[NDArray[np.float32]]: ...
-    @property
-    def samples_per_pixel(self) -> int: ...
+    def views(self) -> Views: ...
     @property
     def light(self) -> Light: ...
     @property
+    def standard_error(self) -> Optional[_Floats]: ...
+    @property
+    def saturated(self) -> Optional[_Marks]: ...
+    def replace(self, **parts: Any) -> Observation: ...
+    def to_netcdf(self, path: _Path, *, title: str = "Images of a cloud") -> None: ...
+    def to_xarray(self) -> Any: ...
+    def _repr_html_(self) -> str: ...
+
+def read_images(path: _Path) -> Observation: ...
+
+@final
+class Rendering(Observation):
+    def __new__(
+        cls,
+        radiance: ArrayLike,
+        views: _Views,
+        light: Optional[Light] = None,
+        *,
+        standard_error: Optional[ArrayLike] = None,
+        saturated: Optional[ArrayLike] = None,
+        samples_per_pixel: int,
+        estimated_error: Optional[float] = None,
+    ) -> Rendering: ...
+    @property
+    def samples_per_pixel(self) -> int: ...
+    @property
     def estimated_error(self) -> Optional[float]: ...
+    def _repr_html_(self) -> str: ...
 
 def render(
-    extinction: ArrayLike,
-    grid: Grid,
-    views: Union[Views, Sequence[View]],
+    extinction: _Extinction,
+    grid: Optional[Grid] = None,
+    views: Union[_Views, _Path, None] = None,
     light: Optional[Light] = None,
     *,
     solver: Literal["monte-carlo", "ordinates"] = "monte-carlo",
-    samples_per_pixel: Optional[int] = None,
+    samples: Optional[int] = None,
     noise: Optional[float] = None,
     seed: int = 1,
     effective_radius: Optional[ArrayLike] = None,
@@ -176,6 +365,7 @@ def render(
     similarity_after: Optional[int] = None,
     accuracy: Optional[float] = None,
     estimate_error: bool = True,
+    progress: _Progress = False,
 ) -> Rendering: ...
 
 @final
@@ -193,7 +383,7 @@ class Sensor:
     @staticmethod
     def preset(name: Literal["cmv4000"]) -> Sensor: ...
     @staticmethod
-    def from_file(path: Union[str, PathLike[str]]) -> Sensor: ...
+    def from_file(path: _Path) -> Sensor: ...
     @property
     def full_well(self) -> float: ...
     @property
@@ -206,21 +396,56 @@ class Sensor:
     def exposure(self) -> float: ...
     @property
     def pixel_pitch(self) -> float: ...
+    def _repr_html_(self) -> str: ...
 
 @final
 class Sensed:
+    def __new__(
+        cls,
+        radiance: ArrayLike,
+        noise: ArrayLike,
+        saturated: ArrayLike,
+        electrons_per_radiance: float,
+    ) -> Sensed: ...
     @property
-    def radiance(self) -> NDArray[np.float32]: ...
+    def radiance(self) -> _Floats: ...
     @property
-    def noise(self) -> NDArray[np.float32]: ...
+    def noise(self) -> _Floats: ...
     @property
-    def saturated(self) -> NDArray[np.bool_]: ...
+    def saturated(self) -> _Marks: ...
     @property
     def electrons_per_radiance(self) -> float: ...
+    def _repr_html_(self) -> str: ...
 
+@final
+class Exposure(Observation):
+    def __new__(
+        cls,
+        radiance: ArrayLike,
+        views: _Views,
+        light: Optional[Light] = None,
+        *,
+        standard_error: Optional[ArrayLike] = None,
+        saturated: Optional[ArrayLike] = None,
+        electrons_per_radiance: float,
+    ) -> Exposure: ...
+    @property
+    def electrons_per_radiance(self) -> float: ...
+    def _repr_html_(self) -> str: ...
+
+@overload
+def sense(
+    radiance: Observation,
+    sensor: Union[Sensor, Literal["cmv4000"]] = "cmv4000",
+    *,
+    electrons_per_radiance: Optional[float] = None,
+    standard_error: None = None,
+    seed: int = 1,
+) -> Exposure: ...
+@overload
 def sense(
     radiance: ArrayLike,
-    sensor: Union[Sensor, Literal["cmv4000"], None] = None,
+    sensor: Union[Sensor, Literal["cmv4000"]] = "cmv4000",
     *,
     electrons_per_radiance: Optional[float] = None,
     standard_error: Optional[ArrayLike] = None,
@@ -229,101 +454,166 @@ def sense(
 
 @final
 class Carved:
+    def __new__(
+        cls, grid: Grid, mask: ArrayLike, thresholds: Optional[_Numbers] = None
+    ) -> Carved: ...
+    @staticmethod
+    def from_dataset(dataset: Any) -> Carved: ...
     @property
-    def mask(self) -> NDArray[np.bool_]: ...
+    def grid(self) -> Grid: ...
     @property
-    def thresholds(self) -> NDArray[np.float32]: ...
+    def mask(self) -> _Marks: ...
+    @property
+    def thresholds(self) -> Optional[_Floats]: ...
+    def to_netcdf(self, path: _Path, *, title: str = "Voxels that may contain cloud") -> None: ...
+    def to_xarray(self) -> Any: ...
+    def _repr_html_(self) -> str: ...
 
+def read_mask(path: _Path) -> Carved: ...
 def carve(
-    radiance: ArrayLike,
-    views: Union[Views, Sequence[View]],
-    grid: Grid,
+    radiance: _Images,
+    views: Optional[_Views] = None,
+    grid: Optional[Grid] = None,
     *,
     threshold: Optional[float] = None,
     standard_error: Optional[ArrayLike] = None,
     saturated: Optional[ArrayLike] = None,
-    agreement: Optional[float] = None,
+    agreement: float = 0.9,
 ) -> Carved: ...
 
 @final
-class Network:
+class Estimate:
+    def __new__(
+        cls,
+        grid: Grid,
+        extinction: ArrayLike,
+        uncertainty: Optional[ArrayLike] = None,
+        light: Optional[Light] = None,
+    ) -> Estimate: ...
     @staticmethod
-    def load(
-        name_or_path: Union[str, PathLike[str]] = "general", *, force: bool = False
-    ) -> Network: ...
+    def from_dataset(dataset: Any) -> Estimate: ...
+    @property
+    def grid(self) -> Grid: ...
+    @property
+    def extinction(self) -> _Floats: ...
+    @property
+    def uncertainty(self) -> Optional[_Floats]: ...
+    @property
+    def light(self) -> Optional[Light]: ...
+    def to_netcdf(self, path: _Path, *, title: str = "Extinction") -> None: ...
+    def to_xarray(self) -> Any: ...
+    def _repr_html_(self) -> str: ...
+
+def read_volume(path: _Path) -> Estimate: ...
+
+@final
+class Network:
+    def __new__(cls, weights: Union[str, bytes] = "general", *, force: bool = False) -> Network: ...
+    @staticmethod
+    def load(name_or_path: _Path = "general", *, force: bool = False) -> Network: ...
     @staticmethod
     def built_in() -> list[str]: ...
     @property
     def metadata(self) -> dict[str, Any]: ...
-    def grid(self, views: Union[Views, Sequence[View]]) -> Grid: ...
+    def grid(self, views: _Views) -> Grid: ...
     def infer(
         self,
-        radiance: ArrayLike,
-        views: Union[Views, Sequence[View]],
+        radiance: _Images,
+        views: Optional[_Views] = None,
         light: Optional[Light] = None,
         *,
-        mask: Optional[ArrayLike] = None,
+        mask: Optional[_Mask] = None,
         grid: Optional[Grid] = None,
-    ) -> NDArray[np.float32]: ...
+    ) -> _Floats: ...
     def image_statistics(
         self,
-        radiance: ArrayLike,
-        views: Union[Views, Sequence[View]],
+        radiance: _Images,
+        views: Optional[_Views] = None,
         light: Optional[Light] = None,
         *,
         grid: Optional[Grid] = None,
     ) -> dict[str, float]: ...
     def estimate(
         self,
-        radiance: ArrayLike,
-        views: Union[Views, Sequence[View]],
+        radiance: _Images,
+        views: Optional[_Views] = None,
         light: Optional[Light] = None,
         *,
-        mask: Optional[ArrayLike] = None,
+        mask: Optional[_Mask] = None,
         grid: Optional[Grid] = None,
-    ) -> tuple[NDArray[np.float32], Optional[NDArray[np.float32]]]: ...
+    ) -> Estimate: ...
+    def _repr_html_(self) -> str: ...
 
 @final
 class Reconstruction:
+    def __new__(
+        cls,
+        grid: Grid,
+        extinction: ArrayLike,
+        mask: ArrayLike,
+        history: list[dict[str, Any]],
+        ending: str,
+        light: Light,
+    ) -> Reconstruction: ...
     @property
-    def extinction(self) -> NDArray[np.float32]: ...
+    def grid(self) -> Grid: ...
     @property
-    def mask(self) -> NDArray[np.bool_]: ...
+    def extinction(self) -> _Floats: ...
+    @property
+    def mask(self) -> _Marks: ...
     @property
     def history(self) -> list[dict[str, Any]]: ...
     @property
     def ending(self) -> str: ...
+    @property
+    def light(self) -> Light: ...
+    def to_netcdf(self, path: _Path, *, title: str = "Extinction by inversion") -> None: ...
+    def to_xarray(self) -> Any: ...
+    def _repr_html_(self) -> str: ...
 
 def invert(
-    radiance: ArrayLike,
-    views: Union[Views, Sequence[View]],
-    grid: Grid,
+    radiance: _Images,
+    views: Optional[_Views] = None,
+    grid: Optional[Grid] = None,
     light: Optional[Light] = None,
     *,
-    start: Union[float, ArrayLike, Literal["auto"], None] = None,
-    mask: Optional[ArrayLike] = None,
+    init: Union[float, _Extinction, Literal["auto"]] = 0.01,
+    mask: Optional[_Mask] = None,
     standard_error: Optional[ArrayLike] = None,
     saturated: Optional[ArrayLike] = None,
-    truth: Optional[ArrayLike] = None,
+    truth: Optional[_Extinction] = None,
+    progress: _Progress = False,
     **settings: Any,
 ) -> Reconstruction: ...
 def hybrid(
-    radiance: ArrayLike,
-    views: Union[Views, Sequence[View]],
-    network: Network,
+    radiance: _Images,
+    views: Optional[_Views] = None,
+    network: Optional[Network] = None,
     light: Optional[Light] = None,
     *,
     grid: Optional[Grid] = None,
     quick: bool = False,
-    mask: Optional[ArrayLike] = None,
+    mask: Optional[_Mask] = None,
     standard_error: Optional[ArrayLike] = None,
     saturated: Optional[ArrayLike] = None,
-    truth: Optional[ArrayLike] = None,
+    truth: Optional[_Extinction] = None,
+    progress: _Progress = False,
     **settings: Any,
 ) -> Reconstruction: ...
 
 @final
 class Scores:
+    def __new__(
+        cls,
+        *,
+        relative_error: float,
+        mass_error: float,
+        root_mean_square_error: float,
+        correlation: Optional[float] = None,
+        truth_by_level: _Numbers,
+        estimate_by_level: _Numbers,
+        relative_error_by_level: _Numbers,
+    ) -> Scores: ...
     @property
     def relative_error(self) -> float: ...
     @property
@@ -338,5 +628,23 @@ class Scores:
     def estimate_by_level(self) -> NDArray[np.float64]: ...
     @property
     def relative_error_by_level(self) -> NDArray[np.float64]: ...
+    def _repr_html_(self) -> str: ...
 
-def score(truth: ArrayLike, estimate: ArrayLike) -> Scores: ...
+def score(truth: _Extinction, estimate: _Extinction) -> Scores: ...
+
+@final
+class Figure:
+    def __new__(cls, png: bytes) -> Figure: ...
+    @property
+    def png(self) -> bytes: ...
+    def save(self, path: _Path) -> None: ...
+    def _repr_png_(self) -> bytes: ...
+
+def plot(
+    what: Union[_Extinction, _Images, _Path],
+    truth: Union[_Extinction, _Path, None] = None,
+    *,
+    grid: Optional[Grid] = None,
+    title: Optional[str] = None,
+    out: Optional[_Path] = None,
+) -> Figure: ...

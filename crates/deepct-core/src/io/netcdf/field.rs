@@ -153,19 +153,19 @@ pub fn write_volume(
 }
 
 /// Write the estimate of a network: `extinction` and, if available, `uncertainty` (km-1) on
-/// `(z, y, x)`, and the scene illumination of the images.
+/// `(z, y, x)`, and the scene illumination of the images if it is known.
 ///
 /// # Errors
 /// Returns an error if an extinction is negative or not finite, or if the file cannot be written.
 pub fn write_estimate(
     path: impl AsRef<Path>,
     estimate: &Estimate,
-    observation: &Observation,
+    observation: Option<&Observation>,
     provenance: &Provenance,
 ) -> Result<()> {
     let mut output = Output::create(path.as_ref(), provenance)?;
     put_volume(&mut output, &estimate.extinction)?;
-    put_light(&output, observation)?;
+    observation.map_or(Ok(()), |observation| put_light(&output, observation))?;
     if let Some(uncertainty) = &estimate.uncertainty {
         output.variable("uncertainty", &AXES, &uncertainty.values, UNCERTAINTY)?;
     }

@@ -1,0 +1,253 @@
+//! `Observation`: images with their views and scene illumination, and images as arguments.
+
+use crate::array::{copied, give, images, images_in_any_unit, marks};
+use crate::error::raise;
+use crate::exchange::{dataset, provenance, through_file, write};
+use crate::light::Light;
+use crate::record::{Record, attributes, record};
+use crate::view::{ViewSequence, Views};
+use deepct_core::image::ViewStack;
+use deepct_core::{io, scene};
+use numpy::PyArray3;
+use numpy::ndarray::Array3;
+use pyo3::exceptions::{PyTypeError, PyValueError};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use std::path::{Path, PathBuf};
+
+/// Images of a scene with their cameras and scene illumination: the contents of a file of images.
+///
+/// All functions that take images accept an observation in place of the array, and then need no
+/// further arguments about them.
+///
+/// Parameters
+/// ----------
+/// radiance : array, [view, row, col]
+///     Images (1/sr, or the unit of the solar irradiance of the light per steradian).
+/// views : Views or sequence of View
+///     The camera of each image.
+/// light : Light, optional
+///     Scene illumination. Default: `Light()`.
+/// standard_error : array, [view, row, col], optional
+///     Standard error of each pixel (1/sr); infinite for pixels that are left out.
+/// saturated : array of bool, [view, row, col], optional
+///     The pixels that are saturated: they are at least as bright as their radiance.
+///
+/// Raises
+/// ------
+/// ValueError
+///     The images do not match the views, or a radiance is not that of sunlight.
+///
+/// Examples
+/// --------
+/// >>> views = deepct_py.Views.load("cloudct-10", target=(0.8, 0.8, 1.12))
+/// >>> images = deepct_py.Observation(np.full((10, 32, 32), 0.02), views)
+/// >>> images.light.wavelength
+/// 0.672
+#[pyclass(frozen, subclass, module = "deepct_py")]
+pub(crate) struct Observation {
+    /// Images (1/sr): numpy.ndarray, float32, [view, row, col].
+    #[pyo3(get)]
+    radiance: Py<PyArray3<f32>>,
+    /// The camera of each image.
+    #[pyo3(get)]
+    views: Views,
+    /// Scene illumination of the images.
+    #[pyo3(get)]
+    light: Light,
+    /// Standard error of each pixel (1/sr), infinite for pixels that are left out: numpy.ndarray,
+    /// float32, [view, row, col]; None if it is unknown.
+    #[pyo3(get)]
+    standard_error: Option<Py<PyArray3<f32>>>,
+    /// The pixels that are saturated: numpy.ndarray, bool, [view, row, col]; None if no pixel is known
+    /// to be.
+    #[pyo3(get)]
+    saturated: Option<Py<PyArray3<bool>>>,
+}
+
+record!(Observation);
+
+/// The attributes that are the arguments of the constructor.
+pub(crate) const PARTS: [&str; 5] = ["radiance", "views", "light", "standard_error", "saturated"];
+
+impl Record for Observation {
+    fn arguments<'py>(of: &Bound<'py, Self>) -> PyResult<Bound<'py, PyDict>> {
+        attributes(of.as_any(), &PARTS)
+    }
+}
+
+#[pymethods]
+impl Observation {
+    #[new]
+    #[pyo3(signature = (radiance, views, light = None, *, standard_error = None, saturated = None))]
+    pub(crate) fn new(
+        radiance: &Bound<'_, PyAny>,
+        views: ViewSequence,
+        light: Option<Light>,
+        standard_error: Option<Bound<'_, PyAny>>,
+        saturated: Option<Bound<'_, PyAny>>,
+    ) -> PyResult<Self> {
+        let given = Given { views: Some(views), light, standard_error, saturated };
+        let observed = observation(radiance, given, |_| Ok(Light::from(scene::Light::default())))?;
+        Ok(Self::give(radiance.py(), observed))
+    }
+
+    /// The images in a data set of xarray with the variables of a file of images.
+    ///
+    /// Raises
+    /// ------
+    /// DeepctError
+    ///     The data set lacks a variable, or a variable is invalid; the message names it.
+    #[staticmethod]
+    fn from_dataset(dataset: &Bound<'_, PyAny>) -> PyResult<Self> {
+        Ok(Self::give(dataset.py(), from_dataset(dataset)?))
+    }
+
+    /// A copy in which some of `radiance`, `views`, `light`, `standard_error` and `saturated` are
+    /// replaced.
+    #[pyo3(signature = (**parts), text_signature = "($self, **parts)")]
+    fn replace<'py>(
+        slf: &Bound<'py, Self>,
+        parts: Option<&Bound<'py, PyDict>>,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let arguments = attributes(slf.as_any(), &PARTS)?;
+        for (name, part) in parts.into_iter().flatten() {
+            arguments.set_item(name, part)?;
+        }
+        slf.py().get_type::<Self>().call((), Some(&arguments))
+    }
+
+    /// Write a netCDF file that all commands and `read_images` read.
+    #[pyo3(signature = (path, *, title = "Images of a cloud"))]
+    fn to_netcdf(&self, py: Python<'_>, path: PathBuf, title: &str) -> PyResult<()> {
+        let observed = self.core(py)?;
+        write(py, &path, |path| io::write_observation(path, &observed, &provenance(title)))
+    }
+
+    /// The images as a data set of xarray, with the variables of a file of images.
+    fn to_xarray<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        dataset(py, |path| self.to_netcdf(py, path.into(), "Images of a cloud"))
+    }
+}
+
+impl Observation {
+    /// The observation of the library as an object of Python.
+    pub(crate) fn give(py: Python<'_>, observed: scene::Observation) -> Self {
+        let light = Light { core: observed.light, assumed: observed.assumed };
+        Self {
+            radiance: give(py, observed.images.values),
+            views: Views(observed.views),
+            light,
+            standard_error: observed.standard_error.map(|errors| give(py, errors.values)),
+            saturated: observed.saturated.map(|marks| give(py, marks)),
+        }
+    }
+
+    /// The observation of the library.
+    fn core(&self, py: Python<'_>) -> PyResult<scene::Observation> {
+        let errors = self.standard_error.as_ref().map(|errors| copied(py, errors)).transpose()?;
+        let marks = self.saturated.as_ref().map(|marks| copied(py, marks)).transpose()?;
+        let radiance = copied(py, &self.radiance)?;
+        assembled(radiance, self.views.0.clone(), self.light.clone(), errors, marks).map_err(raise)
+    }
+}
+
+/// Read images from a netCDF file, with their cameras, scene illumination, standard errors and
+/// saturated pixels.
+///
+/// Raises
+/// ------
+/// OSError
+///     The file cannot be read.
+/// DeepctError
+///     The contents of the file are invalid; the message names the variable.
+#[pyfunction]
+pub(crate) fn read_images(py: Python<'_>, path: PathBuf) -> PyResult<Observation> {
+    Ok(Observation::give(py, read(py, &path)?))
+}
+
+fn read(py: Python<'_>, path: &Path) -> PyResult<scene::Observation> {
+    py.detach(|| io::read_observation(path)).map_err(raise)
+}
+
+fn from_dataset(dataset: &Bound<'_, PyAny>) -> PyResult<scene::Observation> {
+    through_file(dataset, |path| read(dataset.py(), path))
+}
+
+/// The views of the images in a data set.
+pub(crate) fn views_of(dataset: &Bound<'_, PyAny>) -> PyResult<Views> {
+    Ok(Views(from_dataset(dataset)?.views))
+}
+
+/// What a call states about its images, which an observation states itself.
+pub(crate) struct Given<'py> {
+    pub(crate) views: Option<ViewSequence>,
+    pub(crate) light: Option<Light>,
+    pub(crate) standard_error: Option<Bound<'py, PyAny>>,
+    pub(crate) saturated: Option<Bound<'py, PyAny>>,
+}
+
+/// The observation that a function takes as its first argument: an `Observation`, a data set of xarray,
+/// or an array with further arguments about it, of which `default_light` is required if no light is
+/// given.
+///
+/// # Errors
+/// `ValueError` if something is stated twice, or if the views are missing.
+pub(crate) fn observation(
+    radiance: &Bound<'_, PyAny>,
+    given: Given<'_>,
+    default_light: impl FnOnce(&ViewStack) -> PyResult<Light>,
+) -> PyResult<scene::Observation> {
+    let py = radiance.py();
+    let own = radiance.cast::<Observation>();
+    if own.is_ok() || radiance.hasattr("data_vars")? {
+        let twice = [
+            ("views", given.views.is_some()),
+            ("light", given.light.is_some()),
+            ("standard_error", given.standard_error.is_some()),
+            ("saturated", given.saturated.is_some()),
+        ];
+        if let Some((name, _)) = twice.into_iter().find(|(_, is_given)| *is_given) {
+            return Err(PyValueError::new_err(format!(
+                "{name} belongs to the images: omit the argument, or use images.replace({name}=...)"
+            )));
+        }
+        return own.map_or_else(|_| from_dataset(radiance), |own| own.get().core(py));
+    }
+    let is_relative = given.light.as_ref().is_none_or(|light| light.core.sun.irradiance == 1.0);
+    let values = if is_relative { images } else { images_in_any_unit };
+    let stack = ViewStack::new(values(radiance, "radiance")?).map_err(raise)?;
+    let views = given.views.ok_or_else(|| {
+        PyTypeError::new_err("views is missing: give the camera of each image, or an Observation")
+    })?;
+    let light = given.light.map_or_else(|| default_light(&stack), Ok)?;
+    let errors =
+        given.standard_error.map(|errors| values(&errors, "standard_error")).transpose()?;
+    let marks = given.saturated.map(|pixels| marks(&pixels, "saturated")).transpose()?;
+    assembled(stack.values, views.0, light, errors, marks).map_err(raise)
+}
+
+fn assembled(
+    radiance: Array3<f32>,
+    views: Vec<scene::View>,
+    light: Light,
+    standard_error: Option<Array3<f32>>,
+    saturated: Option<Array3<bool>>,
+) -> deepct_core::Result<scene::Observation> {
+    let images = ViewStack::new(radiance)?;
+    let mut observed = scene::Observation::new(light.core, views, images)?;
+    observed.assumed = light.assumed;
+    if let Some(errors) = standard_error {
+        let (found, expected) = (errors.shape().to_vec(), observed.images.shape());
+        if found != expected {
+            let range = format!("{expected:?}, that of the radiance");
+            let what = "shape of standard_error";
+            return Err(deepct_core::Error::out_of_range(what, format!("{found:?}"), range));
+        }
+        observed.standard_error = Some(ViewStack::of_errors(errors)?);
+    }
+    match saturated {
+        None => Ok(observed),
+        Some(marks) => observed.with_saturated(marks),
+    }
+}

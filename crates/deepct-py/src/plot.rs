@@ -1,0 +1,168 @@
+//! `plot`: figures of volumes and of images.
+
+use crate::array::volume;
+use crate::cloud::Cloud;
+use crate::error::raise;
+use crate::grid::Grid;
+use crate::light::Light;
+use crate::observation::{Given, Observation, observation};
+use crate::record::{Record, record};
+use deepct_core::grid::Volume;
+use deepct_core::io::Drawing;
+use deepct_core::plot::{contact_sheet, view_labels, volume_figure};
+use deepct_core::{Error, io, scene};
+use pyo3::exceptions::{PyOSError, PyTypeError};
+use pyo3::prelude::*;
+use pyo3::types::{PyBytes, PyDict};
+use std::path::{Path, PathBuf};
+
+/// A picture, which notebooks show.
+///
+/// Parameters
+/// ----------
+/// png : bytes
+///     The contents of a PNG file.
+#[pyclass(frozen, module = "deepct_py")]
+pub(crate) struct Figure(Vec<u8>);
+
+record!(@picture Figure);
+
+impl Record for Figure {
+    fn arguments<'py>(of: &Bound<'py, Self>) -> PyResult<Bound<'py, PyDict>> {
+        let arguments = PyDict::new(of.py());
+        arguments.set_item("png", of.get().png(of.py()))?;
+        Ok(arguments)
+    }
+}
+
+#[pymethods]
+impl Figure {
+    #[new]
+    fn new(png: Vec<u8>) -> Self {
+        Self(png)
+    }
+
+    /// The contents of a PNG file.
+    #[getter]
+    fn png<'py>(&self, py: Python<'py>) -> Bound<'py, PyBytes> {
+        PyBytes::new(py, &self.0)
+    }
+
+    /// Write a PNG file.
+    fn save(&self, path: PathBuf) -> PyResult<()> {
+        check_name(&path)?;
+        deepct_core::files::write(&path, &self.0).map_err(raise)
+    }
+
+    fn _repr_png_<'py>(&self, py: Python<'py>) -> Bound<'py, PyBytes> {
+        self.png(py)
+    }
+}
+
+/// Draw a volume, alone or with the truth, or a sheet of images: the figure of `deepct plot`.
+///
+/// Parameters
+/// ----------
+/// what : Cloud, Estimate, Reconstruction, Observation, array, str or path
+///     A volume or images, or a file of either. An array is an extinction (1/km), [z, y, x].
+/// truth : Cloud, array, str or path, optional
+///     The true cloud, which is drawn beside the volume and in a scatter plot against it.
+/// grid : Grid, optional
+///     The grid of an array.
+/// title : str, optional
+///     Title of the figure. Default: the name of the file.
+/// out : str or path, optional
+///     PNG file to write.
+///
+/// Returns
+/// -------
+/// Figure
+///     The picture, which notebooks show; `save` writes it to a file.
+///
+/// Examples
+/// --------
+/// >>> cloud = deepct_py.generate_cloud(seed=3, width_km=0.4)
+/// >>> figure = deepct_py.plot(cloud, title="Cloud 3")
+/// >>> figure.png[1:4]
+/// b'PNG'
+#[pyfunction]
+#[pyo3(signature = (what, truth = None, *, grid = None, title = None, out = None))]
+pub(crate) fn plot(
+    what: &Bound<'_, PyAny>,
+    truth: Option<&Bound<'_, PyAny>>,
+    grid: Option<Grid>,
+    title: Option<String>,
+    out: Option<PathBuf>,
+) -> PyResult<Figure> {
+    let py = what.py();
+    out.as_deref().map_or(Ok(()), check_name)?;
+    let file: Option<PathBuf> = what.extract().ok();
+    let name = file.as_deref().and_then(Path::file_name).unwrap_or_default().to_string_lossy();
+    let title = title.unwrap_or_else(|| name.into_owned());
+    let (content, light) = match &file {
+        Some(path) => py.detach(|| io::read_drawing(path)).map_err(raise)?,
+        None => content_of(what, grid)?,
+    };
+    let folder = tempfile::tempdir().map_err(|problem| PyOSError::new_err(problem.to_string()))?;
+    let path = folder.path().join("figure.png");
+    match content {
+        Drawing::Images(_) if truth.is_some() => {
+            let problem = "images cannot be compared with a truth: omit it, or give a volume";
+            return Err(PyTypeError::new_err(problem));
+        }
+        Drawing::Images(images) => {
+            let labels = view_labels(&images.geometry());
+            py.detach(|| contact_sheet(&path, &images.images, &labels, &[], &title))
+                .map_err(raise)?;
+        }
+        Drawing::Volume(estimate) => {
+            let truth = truth.map(|truth| extinction(truth, "truth", Some(estimate.grid), &light));
+            let truth = truth.transpose()?;
+            py.detach(|| volume_figure(&path, &estimate, truth.as_ref(), &title)).map_err(raise)?;
+        }
+    }
+    let figure = Figure(std::fs::read(&path).map_err(Error::io(&path)).map_err(raise)?);
+    out.map_or(Ok(()), |out| figure.save(out))?;
+    Ok(figure)
+}
+
+/// What an object shows, and its scene illumination.
+fn content_of(what: &Bound<'_, PyAny>, grid: Option<Grid>) -> PyResult<(Drawing, scene::Light)> {
+    let light = what.getattr("light").and_then(|light| Ok(light.extract::<Light>()?));
+    let light = light.map_or_else(|_| scene::Light::default(), |light| light.core);
+    let is_images = what.cast::<Observation>().is_ok()
+        || (what.hasattr("data_vars")? && what.contains("radiance")?);
+    if is_images {
+        let given = Given { views: None, light: None, standard_error: None, saturated: None };
+        let images = observation(what, given, |_| Ok(Light::from(scene::Light::default())))?;
+        return Ok((Drawing::Images(Box::new(images)), light));
+    }
+    let volume = extinction(what, "extinction", grid.map(|Grid(grid)| grid), &light)?;
+    Ok((Drawing::Volume(volume), light))
+}
+
+/// The extinction of a cloud, of a file or of an array on a grid.
+fn extinction(
+    object: &Bound<'_, PyAny>,
+    name: &str,
+    grid: Option<deepct_core::grid::Grid>,
+    light: &scene::Light,
+) -> PyResult<Volume> {
+    if let Ok(path) = object.extract::<PathBuf>() {
+        return object.py().detach(|| io::read_extinction(path, light)).map_err(raise);
+    }
+    if let Ok(cloud) = object.cast::<Cloud>() {
+        return light.extinction(&cloud.get().core(object.py())?).map_err(raise);
+    }
+    let values = volume(object, name)?;
+    Volume::new(values.grid(grid)?, values.values).map_err(raise)
+}
+
+/// Returns an error unless the path is the name of a PNG file.
+fn check_name(path: &Path) -> PyResult<()> {
+    if path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png")) {
+        return Ok(());
+    }
+    let range = "the name of a PNG file, ending in .png";
+    Err(raise(Error::out_of_range("out", path.display(), range)))
+}
