@@ -215,7 +215,7 @@ def test_a_simulation_is_imported_as_by_the_command_line(tmp_path, command_line,
             deepct_py.import_cloud(path, **arguments)
 
 
-def test_files_that_cannot_be_read_or_written_are_told(cloud, tmp_path):
+def test_files_that_cannot_be_read_or_written_are_reported(cloud, tmp_path):
     for read in set(READERS.values()):
         with pytest.raises((FileNotFoundError, deepct_py.DeepctError), match="none.nc"):
             read(tmp_path / "none.nc")
