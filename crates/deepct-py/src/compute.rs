@@ -210,8 +210,8 @@ pub(crate) fn at_length<T: Send>(
         loop {
             let found = py.detach(next);
             let reports = std::mem::take(&mut *watch.reports());
-            let told = py.check_signals().and_then(|()| progress.report(py, reports));
-            match (found, told) {
+            let checked = py.check_signals().and_then(|()| progress.report(py, reports));
+            match (found, checked) {
                 (Ok(result), Ok(())) => return result.map_err(raise),
                 (Ok(_), Err(exception)) => return Err(exception),
                 (Err(RecvTimeoutError::Timeout), Ok(())) => {}
