@@ -139,7 +139,10 @@ impl<'py> Argument<'py> {
         };
         let grid = object.getattr("grid").and_then(|grid| Ok(grid.extract::<Grid>()?));
         if let Ok(Grid(grid)) = grid {
-            let values = object.getattr(part)?;
+            let values = object.getattr(part).map_err(|_| {
+                let found = object.get_type();
+                PyTypeError::new_err(format!("{name} is of {found}, which has no {part}"))
+            })?;
             if values.is_none() {
                 return Err(PyValueError::new_err(format!("{name} has no {part}")));
             }

@@ -489,9 +489,13 @@ impl<'py> FromPyObject<'_, 'py> for ViewSequence {
         if let Ok(views) = object.cast::<Views>() {
             return Ok(Self(views.get().0.clone()));
         }
-        let views: Vec<View> = object
-            .extract()
-            .map_err(|_| PyTypeError::new_err("views must be Views or a sequence of View"))?;
+        let views: Vec<View> = object.extract().map_err(|_| {
+            let found = object.get_type();
+            PyTypeError::new_err(format!(
+                "views must be Views or a sequence of View, not {found}; for images that are an \
+                 Observation, give the further arguments by their names"
+            ))
+        })?;
         Views::new(views).map(|views| Self(views.0))
     }
 }

@@ -106,8 +106,14 @@ def test_images_need_no_further_arguments(results, cloud, images, tmp_path):
             deepct_py.invert(stored, grid=cloud.grid, **{name: getattr(images, name)})
     with pytest.raises(TypeError, match="views is missing"):
         network.infer(images.radiance)
-    with pytest.raises(TypeError, match="grid is missing"):
-        deepct_py.carve(stored)
+    for message, wrong in [
+        ("grid is missing", lambda: deepct_py.carve(stored)),
+        ("by their names", lambda: deepct_py.carve(stored, cloud.grid)),
+        ("Cloud'>, which has no radiance", lambda: deepct_py.carve(cloud, grid=cloud.grid)),
+        ("not of real numbers", lambda: deepct_py.score(stored, cloud)),
+    ]:
+        with pytest.raises(TypeError, match=message):
+            wrong()
 
 
 def test_data_sets_have_the_contents_of_the_files(results, tmp_path):
@@ -209,7 +215,7 @@ def test_a_simulation_is_imported_as_by_the_command_line(tmp_path, command_line,
             deepct_py.import_cloud(path, **arguments)
 
 
-def test_files_that_cannot_be_read_or_written_are_told(cloud, tmp_path):
+def test_files_that_cannot_be_read_or_written_are_reported(cloud, tmp_path):
     for read in set(READERS.values()):
         with pytest.raises((FileNotFoundError, deepct_py.DeepctError), match="none.nc"):
             read(tmp_path / "none.nc")
