@@ -1,6 +1,7 @@
 //! Space carving: the voxels that can contain cloud according to the images.
 //!
-//! A pixel is cloudy if its radiance exceeds a threshold. A view votes for a voxel if at least one
+//! A pixel is cloudy if its radiance exceeds a threshold, or, above a bright surface, if it is darker than
+//! the surface, as shaded sides of clouds are (and shadows, which are then in the mask). A view votes for a voxel if at least one
 //! cloudy pixel overlaps the projection of the voxel, and against it if the whole projection is
 //! inside the image and no cloudy pixel overlaps it. A view abstains if its image contains only a
 //! part of the projection and no cloud there, because the rest of the voxel is outside the frame.
@@ -86,13 +87,16 @@ impl Carved {
 /// As [`CarveSettings::check`].
 pub fn carve(observation: &Observation, grid: &Grid, settings: &CarveSettings) -> Result<Carved> {
     settings.check()?;
-    let CloudThreshold { by_view: thresholds, is_bright_ground } = match settings.threshold {
-        Some(threshold) => CloudThreshold {
-            by_view: vec![threshold; observation.views.len()],
-            is_bright_ground: false,
-        },
-        None => cloud_threshold(observation),
-    };
+    let count = observation.views.len();
+    let CloudThreshold { by_view: thresholds, shaded_by_view, is_bright_ground } =
+        match settings.threshold {
+            Some(threshold) => CloudThreshold {
+                by_view: vec![threshold; count],
+                shaded_by_view: vec![f32::NEG_INFINITY; count],
+                is_bright_ground: false,
+            },
+            None => cloud_threshold(observation),
+        };
     if is_bright_ground {
         let mask = Mask::new(*grid, Array3::from_elem(grid.shape, true))?;
         return Ok(Carved { mask, thresholds, is_bright_ground });
@@ -100,8 +104,10 @@ pub fn carve(observation: &Observation, grid: &Grid, settings: &CarveSettings) -
     // Pixels whose radiance is not known, because they are saturated or defective, may show cloud.
     let known = observation.known();
     let is_cloudy = |view: usize| {
-        let mut cloudy =
-            observation.images.image(view).mapv(|radiance| radiance > thresholds[view]);
+        let mut cloudy = observation
+            .images
+            .image(view)
+            .mapv(|radiance| radiance > thresholds[view] || radiance < shaded_by_view[view]);
         cloudy.zip_mut_with(&known.index_axis(Axis(0), view), |cloudy, known| *cloudy |= !known);
         CloudyPixels::new(cloudy)
     };

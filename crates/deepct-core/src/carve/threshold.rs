@@ -16,8 +16,11 @@ const LEVELS: f64 = 3.0;
 /// Standard deviation of a normal distribution divided by its median absolute deviation.
 const DEVIATIONS_PER_MEDIAN: f64 = 1.482_6;
 
-/// Apparent albedo of the clear sky, relative to a white surface under the Sun, from which on it may be
-/// as bright as clouds.
+/// Apparent albedo of the clear sky, relative to a white surface under the Sun, from which on shaded
+/// sides of clouds may be darker than it. That of the ocean and the air above it is below, except for
+/// blue light.
+const GREY_GROUND: f64 = 0.12;
+/// Apparent albedo from which on the clear sky may be as bright as clouds.
 const BRIGHT_GROUND: f64 = 0.2;
 /// Smallest ratio of the brightest pixels to the background of such a surface with which they are
 /// taken for clouds. Above an albedo of 0.3, the ratio is 1.25 to 1.5, and a mask by brightness loses
@@ -31,8 +34,11 @@ const BRIGHTEST_SHARE: f64 = 0.01;
 /// The radiances that separate cloud from clear sky.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CloudThreshold {
-    /// The threshold of each view (1/sr).
+    /// The threshold of each view (1/sr), above which a pixel shows cloud.
     pub by_view: Vec<f32>,
+    /// The radiance (1/sr) below which a pixel of each view may show the shaded side of a cloud; it is
+    /// negative infinity above a dark surface, which is darker than clouds.
+    pub shaded_by_view: Vec<f32>,
     /// Whether the clear sky is so bright that clouds are not brighter.
     pub is_bright_ground: bool,
 }
@@ -55,8 +61,9 @@ pub struct CloudThreshold {
 /// surface, the two classes are the shadows and all other pixels. If the images contain no clear
 /// sky, there is no background, and the threshold must be given explicitly.
 ///
-/// The background is compared with a white surface under the Sun to find ground that is as bright as
-/// clouds.
+/// The background is compared with a white surface under the Sun to find ground that is brighter than
+/// shaded sides of clouds, where pixels below it by as much may show cloud as well, and ground that is
+/// as bright as clouds.
 pub fn cloud_threshold(observation: &Observation) -> CloudThreshold {
     let sun = &observation.light.sun;
     let white = sun.irradiance * sun.zenith.cos() / PI;
@@ -112,7 +119,11 @@ fn threshold(
         .collect();
     let values = sorted(&mut aligned.iter().map(|[value, _]| *value));
     if values.is_empty() {
-        return CloudThreshold { by_view: vec![0.0; views.len()], is_bright_ground: false };
+        return CloudThreshold {
+            by_view: vec![0.0; views.len()],
+            shaded_by_view: vec![f32::NEG_INFINITY; views.len()],
+            is_bright_ground: false,
+        };
     }
     let background = half_sample_mode(&values);
     let lower = values.partition_point(|&radiance| radiance <= background);
@@ -132,8 +143,11 @@ fn threshold(
     let noise = noise.get(noise.len() / 2).copied().unwrap_or(0.0);
     let rise = rise.max(LEAST_RISE * background.abs()).max(DEVIATIONS * noise);
     let bright = values[((1.0 - BRIGHTEST_SHARE) * (values.len() - 1) as f64) as usize];
+    let is_grey = background > GREY_GROUND * white;
+    let below = if is_grey { rise } else { f64::INFINITY };
     CloudThreshold {
         by_view: offsets.iter().map(|offset| (background + offset + rise) as f32).collect(),
+        shaded_by_view: offsets.iter().map(|offset| (background + offset - below) as f32).collect(),
         is_bright_ground: background > BRIGHT_GROUND * white && bright < CONTRAST * background,
     }
 }
