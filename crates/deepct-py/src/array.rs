@@ -95,11 +95,15 @@ fn numbers<'py>(
     }
     let array = object.py().import("numpy")?.call_method1("asarray", (object,))?;
     let dtype = array.getattr("dtype")?;
-    if !kinds.contains(&dtype.getattr("kind")?.extract::<String>()?) {
+    let kind: String = dtype.getattr("kind")?.extract()?;
+    if !kinds.contains(&kind) {
         let wanted = if kinds == "b" { "booleans" } else { "real numbers" };
-        return Err(PyTypeError::new_err(format!(
-            "{name} is an array of {dtype}, not of {wanted}"
-        )));
+        // NumPy does not ask an object for DLPack of its own accord.
+        let is_dlpack = kind == "O" && object.hasattr("__dlpack__")?;
+        return Err(PyTypeError::new_err(match is_dlpack {
+            true => format!("{name} is no NumPy array: give numpy.from_dlpack({name})"),
+            false => format!("{name} is an array of {dtype}, not of {wanted}: convert it"),
+        }));
     }
     let dimensions: usize = array.getattr("ndim")?.extract()?;
     if dimensions != 3 {

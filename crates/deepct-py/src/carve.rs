@@ -109,7 +109,7 @@ pub(crate) fn carve(
         deepct_core::carve::carve(&observation, &grid.0, &settings)
     })?;
     if let Some(warning) = carved.warning() {
-        warn(py, warning)?;
+        warn(py, &warning)?;
     }
     let thresholds = carved.thresholds.to_pyarray(py).unbind();
     Ok(Carved { mask: give(py, carved.mask.values), thresholds })

@@ -64,7 +64,7 @@ impl Request {
             Some(values) => Mask::new(grid, values)?,
             None => {
                 let carved = carve(&self.observation, &grid, &CarveSettings::default())?;
-                warnings.extend(carved.warning().map(str::to_owned));
+                warnings.extend(carved.warning());
                 carved.mask
             }
         };
