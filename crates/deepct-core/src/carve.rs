@@ -15,7 +15,7 @@ use crate::error::{Error, Result};
 use crate::grid::{Grid, Mask};
 use crate::scene::{Observation, Projector, View};
 use footprint::{CloudyPixels, CornerPixels, Footprint};
-use ndarray::{Array3, ArrayViewMut3, Axis, s};
+use ndarray::{Array2, Array3, ArrayViewMut3, Axis, s};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -69,15 +69,29 @@ pub struct Carved {
     /// Whether the clear sky is as bright as the clouds, so that the images do not tell where clouds
     /// are: all voxels are kept.
     pub is_bright_ground: bool,
+    /// Share of the light above the thresholds whose pixels show no voxel of the mask.
+    pub beside: f64,
 }
+
+/// Share of the light beside the mask from which on the mask is not that of the clouds in the images.
+const MOSTLY_BESIDE: f64 = 2.0 / 3.0;
 
 impl Carved {
     /// A warning for the user, if the mask is not what was wanted.
-    pub fn warning(&self) -> Option<&'static str> {
-        self.is_bright_ground.then_some(
-            "the clear surface is as bright as the clouds: no voxel was carved away; give a threshold \
-             or a mask",
-        )
+    pub fn warning(&self) -> Option<String> {
+        if self.is_bright_ground {
+            let text = "the clear surface is as bright as the clouds: no voxel was carved away; give a \
+                        threshold or a mask";
+            return Some(text.into());
+        }
+        (self.beside > MOSTLY_BESIDE).then(|| {
+            format!(
+                "{:.0} % of the light of the clouds comes from beside the mask: their lines of sight do not \
+                 meet in the grid; images that were registered on the ground need targets at z = 0, and \
+                 clouds elsewhere a larger grid",
+                100.0 * self.beside
+            )
+        })
     }
 }
 
@@ -99,7 +113,7 @@ pub fn carve(observation: &Observation, grid: &Grid, settings: &CarveSettings) -
         };
     if is_bright_ground {
         let mask = Mask::new(*grid, Array3::from_elem(grid.shape, true))?;
-        return Ok(Carved { mask, thresholds, is_bright_ground });
+        return Ok(Carved { mask, thresholds, is_bright_ground, beside: 0.0 });
     }
     // Pixels whose radiance is not known, because they are saturated or defective, may show cloud.
     let known = observation.known();
@@ -128,7 +142,57 @@ pub fn carve(observation: &Observation, grid: &Grid, settings: &CarveSettings) -
             }
         },
     );
-    Ok(Carved { mask: Mask::new(*grid, values)?, thresholds, is_bright_ground })
+    let mask = Mask::new(*grid, values)?;
+    let excess = |view: usize| {
+        let mut excess =
+            observation.images.image(view).mapv(|radiance| (radiance - thresholds[view]).max(0.0));
+        excess.zip_mut_with(&known.index_axis(Axis(0), view), |excess, known| {
+            *excess = if *known { *excess } else { 0.0 };
+        });
+        excess
+    };
+    let beside = share_beside(&mask, &observation.views, &excess);
+    Ok(Carved { mask, thresholds, is_bright_ground, beside })
+}
+
+/// The share of the light (1/sr in each pixel of a view) whose pixels show no block of voxels of the mask.
+fn share_beside(
+    mask: &Mask,
+    views: &[View],
+    light: &(impl Fn(usize) -> Array2<f32> + Sync),
+) -> f64 {
+    let shape = mask.grid.shape;
+    let firsts = (0..shape[0]).step_by(BLOCK).flat_map(|k| {
+        let rows = (0..shape[1]).step_by(BLOCK);
+        rows.flat_map(move |j| (0..shape[2]).step_by(BLOCK).map(move |i| [k, j, i]))
+    });
+    let blocks: Vec<([usize; 3], [usize; 3])> = firsts
+        .map(|first| (first, std::array::from_fn(|axis| BLOCK.min(shape[axis] - first[axis]))))
+        .filter(|([k, j, i], [nz, ny, nx])| {
+            mask.values.slice(s![*k..k + nz, *j..j + ny, *i..i + nx]).iter().any(|kept| *kept)
+        })
+        .collect();
+    let sums: Vec<[f64; 2]> = (0..views.len())
+        .into_par_iter()
+        .map(|view| {
+            let (projector, mut light) = (views[view].projector(), light(view));
+            let sum = |light: &Array2<f32>| light.iter().copied().map(f64::from).sum::<f64>();
+            let all = sum(&light);
+            for (first, shape) in &blocks {
+                let footprint = Footprint::of_block(&mask.grid, *first, *shape, &projector);
+                let pixels = footprint.map(|footprint| footprint.pixels(light.dim()));
+                // Outside of the frame, the ranges are empty, and may begin beyond it.
+                if let Some([rows, cols]) =
+                    pixels.filter(|pixels| pixels.iter().all(|range| !range.is_empty()))
+                {
+                    light.slice_mut(s![rows, cols]).fill(0.0);
+                }
+            }
+            [sum(&light), all]
+        })
+        .collect();
+    let [beside, all] = sums.iter().fold([0.0; 2], |[a, b], [c, d]| [a + c, b + d]);
+    if all > 0.0 { beside / all } else { 0.0 }
 }
 
 /// Number of voxels along each side of a block, which is tested as a whole before its voxels are.
@@ -266,21 +330,24 @@ mod tests {
         CarveSettings { threshold: Some(threshold), agreement }
     }
 
-    /// The rays only sample what a pixel observes: a voxel that they find must be kept, and a voxel
-    /// that they miss may be kept if a pixel observes a small part of it.
+    /// Carves a sphere that the views observe. The rays of the brute-force search only sample what a pixel
+    /// observes: a voxel that they find must be kept, and a voxel that they miss may be kept if a pixel
+    /// observes a small part of it. `false_positive` is the largest share of such voxels.
+    fn check_carving(views: Vec<View>, false_positive: f64) {
+        let volume = sphere(grid(), 0.2);
+        let observation = observe(&volume, views);
+        let expected = brute_force(&observation, &volume.grid, 1.0);
+        let carved = carve(&observation, &volume.grid, &settings(0.0, 1.0)).unwrap().mask;
+        assert!(carved.values.iter().zip(&expected).all(|(kept, touched)| *kept || !touched));
+        let scores = score_mask(&volume, &carved).unwrap();
+        assert_eq!(scores.extinction_missed, 0.0);
+        assert!(scores.false_positive < false_positive, "{scores:?}");
+    }
+
     #[test]
     fn what_the_rays_of_cloudy_pixels_touch_is_kept() {
-        let grid = grid();
-        let volume = sphere(grid, 0.2);
         for formation in [Formation::cloudct_10(), Formation::pearls_32()] {
-            let views = formation.views(grid.center(), [26, 26]).unwrap();
-            let observation = observe(&volume, views);
-            let expected = brute_force(&observation, &grid, 1.0);
-            let carved = carve(&observation, &grid, &settings(0.0, 1.0)).unwrap().mask;
-            assert!(carved.values.iter().zip(&expected).all(|(kept, touched)| *kept || !touched));
-            let scores = score_mask(&volume, &carved).unwrap();
-            assert_eq!(scores.extinction_missed, 0.0);
-            assert!(scores.false_positive < 0.25, "{scores:?}");
+            check_carving(formation.views(grid().center(), [26, 26]).unwrap(), 0.25);
         }
     }
 
@@ -288,22 +355,55 @@ mod tests {
     /// what is below them.
     #[test]
     fn cameras_that_look_up_carve() {
-        let grid = grid();
-        let volume = sphere(grid, 0.2);
-        let (center, low) = (grid.center(), grid.lower());
+        let (center, low) = (grid().center(), grid().lower());
         let up = crate::math::towards(2.6, 1.0);
         let views = vec![
             View::looking_up(up, center.with_z(low.z + 0.05), 0.05, [40, 40]).unwrap(),
             View::perspective(low.with_z(0.05), center, 0.05, [40, 40]).unwrap(),
             View::perspective(low + DVec3::splat(0.02), center, 0.05, [40, 40]).unwrap(),
         ];
+        check_carving(views, 0.35);
+    }
+
+    /// Pixels whose standard error is above the radiance of the clouds are neither cloud nor clear sky.
+    #[test]
+    fn a_pixel_that_tells_nothing_carves_nothing() {
+        let grid = Grid::new(DVec3::ZERO, DVec3::splat(0.05), [1, 4, 4]).unwrap();
+        let view = View::orthographic(DVec3::Z, grid.center(), 0.05, [4, 4]).unwrap();
+        let mut images = Array3::zeros((1, 4, 4));
+        images[[0, 2, 2]] = 0.2;
+        let images = ViewStack::new(images).unwrap();
+        let mut observation = Observation::new(Sun::default(), vec![view], images).unwrap();
+        for (error, kept) in [(0.01, 1), (0.3, 2), (1e3, 2), (f32::INFINITY, 2)] {
+            let mut errors = Array3::from_elem((1, 4, 4), 0.01);
+            errors[[0, 1, 0]] = error;
+            observation.standard_error = Some(ViewStack { values: errors });
+            assert_eq!(carve(&observation, &grid, &settings(0.1, 1.0)).unwrap().mask.count(), kept);
+        }
+    }
+
+    /// Images that are registered on the ground, with targets at the height of the cloud.
+    #[test]
+    fn light_from_beside_the_mask_is_told() {
+        let grid = grid();
+        let volume = sphere(grid, 0.1);
+        let carved = |height: f64| {
+            let below = grid.center() - DVec3::new(0.0, 0.0, height);
+            let views = Formation::cloudct_10().views(below, [60, 60]).unwrap();
+            let mut observation = observe(&volume, views);
+            observation.views = Formation::cloudct_10().views(grid.center(), [60, 60]).unwrap();
+            carve(&observation, &grid, &settings(0.0, 0.9)).unwrap()
+        };
+        assert_eq!((carved(0.0).beside, carved(0.0).warning()), (0.0, None));
+        // A part of the mask that no image shows.
+        let mut beyond = grid;
+        beyond.origin.x += 50.0;
+        let views = Formation::cloudct_10().views(grid.center(), [26, 26]).unwrap();
         let observation = observe(&volume, views);
-        let expected = brute_force(&observation, &grid, 1.0);
-        let carved = carve(&observation, &grid, &settings(0.0, 1.0)).unwrap().mask;
-        assert!(carved.values.iter().zip(&expected).all(|(kept, touched)| *kept || !touched));
-        let scores = score_mask(&volume, &carved).unwrap();
-        assert_eq!(scores.extinction_missed, 0.0);
-        assert!(scores.false_positive < 0.35, "{scores:?}");
+        assert_eq!(carve(&observation, &beyond, &settings(0.0, 0.9)).unwrap().beside, 1.0);
+        let found = carved(0.7);
+        assert!(found.beside > 0.8, "{}", found.beside);
+        assert!(found.warning().unwrap().contains("need targets at z = 0"));
     }
 
     #[test]

@@ -180,10 +180,14 @@ impl<'py> Argument<'py> {
         }
         let array = numpy.call_method1("asarray", (&self.values,))?;
         let dtype = array.getattr("dtype")?;
-        if !kinds.contains(&dtype.getattr("kind")?.extract::<String>()?) {
-            return Err(PyTypeError::new_err(format!(
-                "{name} is an array of {dtype}, not of {wanted}"
-            )));
+        let kind: String = dtype.getattr("kind")?.extract()?;
+        if !kinds.contains(&kind) {
+            // NumPy does not ask an object for DLPack of its own accord.
+            let is_dlpack = kind == "O" && self.values.hasattr("__dlpack__")?;
+            return Err(PyTypeError::new_err(match is_dlpack {
+                true => format!("{name} is no NumPy array: give numpy.from_dlpack({name})"),
+                false => format!("{name} is an array of {dtype}, not of {wanted}: convert it"),
+            }));
         }
         let dimensions: usize = array.getattr("ndim")?.extract()?;
         if dimensions != 3 {

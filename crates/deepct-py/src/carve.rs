@@ -178,7 +178,7 @@ pub(crate) fn carve<'py>(
     let carved =
         interruptibly(py, move || deepct_core::carve::carve(&observation, &grid, &settings))?;
     if let Some(warning) = carved.warning() {
-        warn(py, warning)?;
+        warn(py, &warning)?;
     }
     let thresholds = carved.thresholds.to_pyarray(py).unbind();
     Ok(Carved::give(py, carved.mask, Some(thresholds)))

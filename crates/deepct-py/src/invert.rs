@@ -219,7 +219,7 @@ impl OnGrid {
             Some(values) => Mask::new(self.grid, values)?,
             None => {
                 let carved = carve(observation, &self.grid, &CarveSettings::default())?;
-                warnings.extend(carved.warning().map(str::to_owned));
+                warnings.extend(carved.warning());
                 carved.mask
             }
         };

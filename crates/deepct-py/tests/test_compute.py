@@ -109,6 +109,13 @@ def test_many_threads_use_one_network(scene):
     assert all(np.array_equal(result, expected) for result in results)
 
 
+class OnlyDLPack:
+    """An array of a library without the array interface of NumPy."""
+
+    def __init__(self, array):
+        self.__dlpack__, self.__dlpack_device__ = array.__dlpack__, array.__dlpack_device__
+
+
 def test_arrays_that_cannot_be_used_are_refused(scene):
     cloud, views, rendering = scene
     network = deepct.Network.load("cloudct-10")
@@ -119,6 +126,7 @@ def test_arrays_that_cannot_be_used_are_refused(scene):
         (np.where(rendering.radiance > 0.05, np.nan, rendering.radiance), ValueError, "finite"),
         (rendering.radiance.astype(complex), TypeError, "complex"),
         (np.zeros((10, 0, 0)), ValueError, "at least 1"),
+        (OnlyDLPack(rendering.radiance), TypeError, r"numpy\.from_dlpack\(radiance\)"),
     ]:
         with pytest.raises(error, match=message):
             network.infer(radiance, views, rendering.light)

@@ -61,6 +61,36 @@ def test_an_absorbing_slab_dims_the_surface(grid):
     assert abs(radiance.radiance.mean() - expected) < 4.0 * error + 1e-6
 
 
+@pytest.mark.parametrize("asymmetry", [1e-17, 1e-16, 0.1 + 0.2 - 0.3, -1e-12])
+def test_tiny_asymmetries_are_isotropic(grid, asymmetry):
+    extinction = np.full(grid.shape, 5.0, np.float32)
+    view = deepct_py.View.orthographic(0.0, 0.0, grid.center, 0.05, size=(2, 2))
+    images = [
+        deepct_py.render(
+            extinction, grid, [view], deepct_py.Light(asymmetry=value, periodic=True), samples_per_pixel=64
+        )
+        for value in (asymmetry, 0.0)
+    ]
+    np.testing.assert_array_equal(images[0].radiance, images[1].radiance)
+
+
+def test_a_cloud_outside_of_the_grid_spoils_nothing(grid, extinction):
+    """A second ball of the same brightness, whose pixels no voxel of the grid explains."""
+    east = deepct_py.Grid((8, 16, 32), grid.spacing, grid.origin)
+    pair = np.concatenate([extinction, extinction], axis=2)
+    alone = np.concatenate([extinction, np.zeros_like(extinction)], axis=2)
+    views = [
+        deepct_py.View.orthographic(zenith, azimuth, east.center, 0.05, (16, 48))
+        for zenith, azimuth in ((45, 0), (0, 0), (45, 180), (20, 90), (20, 270))
+    ]
+    errors = []
+    for cloud in (alone, pair):
+        images = deepct_py.render(cloud, east, views, solver="ordinates").radiance
+        found = deepct_py.invert(images, views, grid, iterations=15)
+        errors.append(deepct_py.score(extinction, found.extinction).relative_error)
+    assert errors[1] < errors[0] + 0.05, errors
+
+
 def test_a_wanted_noise_is_reached(grid, extinction, views):
     rendering = deepct_py.render(extinction, grid, views, noise=0.05)
     squares = []

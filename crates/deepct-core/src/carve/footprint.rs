@@ -157,9 +157,18 @@ impl Footprint {
         (inside && (clear || count == rows.len() * cols.len())).then_some(!clear)
     }
 
-    /// Whether the footprint is completely inside the frame, and its ranges of rows and columns.
+    /// Its ranges of rows and columns in an image of this shape.
+    pub(super) fn pixels(&self, shape: (usize, usize)) -> [Range<usize>; 2] {
+        self.frame_of(shape).1
+    }
+
     fn frame(&self, image: &CloudyPixels) -> (bool, [Range<usize>; 2]) {
-        let (row_count, col_count) = image.cloudy.dim();
+        self.frame_of(image.cloudy.dim())
+    }
+
+    /// Whether the footprint is completely inside the frame of an image of this shape, and its ranges of
+    /// rows and columns.
+    fn frame_of(&self, (row_count, col_count): (usize, usize)) -> (bool, [Range<usize>; 2]) {
         let frame = DVec2::new(row_count as f64, col_count as f64);
         let low = self.0.iter().copied().fold(DVec2::INFINITY, DVec2::min);
         let high = self.0.iter().copied().fold(DVec2::NEG_INFINITY, DVec2::max);

@@ -250,12 +250,14 @@ impl Observation {
         included.map(|(_, radiance)| f64::from(*radiance)).fold(f64::NEG_INFINITY, f64::max)
     }
 
-    /// Whether the radiance of each pixel is known, `[view, row, col]`: it is neither saturated nor
-    /// left out by an infinite standard error.
+    /// Whether the radiance of each pixel is known, `[view, row, col]`: it is not saturated, and its
+    /// standard error is below the brightest radiance, so that it tells cloud from clear sky.
     pub fn known(&self) -> Array3<bool> {
         let mut known = Array3::from_elem(self.images.values.dim(), true);
         if let Some(errors) = &self.standard_error {
-            known.zip_mut_with(&errors.values, |known, error| *known &= error.is_finite());
+            let brightest = self.images.brightest();
+            let most = if brightest > 0.0 { brightest } else { f32::INFINITY };
+            known.zip_mut_with(&errors.values, |known, error| *known &= *error < most);
         }
         if let Some(saturated) = &self.saturated {
             known.zip_mut_with(saturated, |known, saturated| *known &= !saturated);
