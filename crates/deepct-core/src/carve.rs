@@ -69,6 +69,8 @@ pub struct Carved {
     /// Whether the clear sky is as bright as the clouds, so that the images do not tell where clouds
     /// are: all voxels are kept.
     pub is_bright_ground: bool,
+    /// As [`CloudThreshold::contrast`].
+    pub contrast: Option<f64>,
     /// Share of the light above the thresholds whose pixels show no voxel of the mask.
     pub beside: f64,
 }
@@ -76,12 +78,21 @@ pub struct Carved {
 /// Share of the light beside the mask from which on the mask is not that of the clouds in the images.
 const MOSTLY_BESIDE: f64 = 2.0 / 3.0;
 
+/// Ratio of the brightest pixels to a bright surface below which a mask may lose a part of the clouds:
+/// up to a fifth for a cloud of little extinction above an albedo of 0.7.
+const FAINT: f64 = 2.0;
+
 impl Carved {
     /// A warning for the user, if the mask is not what was wanted.
     pub fn warning(&self) -> Option<String> {
         if self.is_bright_ground {
             let text = "the clear surface is as bright as the clouds: no voxel was carved away; give a \
                         threshold or a mask";
+            return Some(text.into());
+        }
+        if self.contrast.is_some_and(|contrast| contrast < FAINT) {
+            let text = "the clear surface is nearly as bright as the clouds: a part of them may be outside \
+                        the mask; give a threshold or a mask";
             return Some(text.into());
         }
         (self.beside > MOSTLY_BESIDE).then(|| {
@@ -102,18 +113,19 @@ impl Carved {
 pub fn carve(observation: &Observation, grid: &Grid, settings: &CarveSettings) -> Result<Carved> {
     settings.check()?;
     let count = observation.views.len();
-    let CloudThreshold { by_view: thresholds, shaded_by_view, is_bright_ground } =
-        match settings.threshold {
-            Some(threshold) => CloudThreshold {
-                by_view: vec![threshold; count],
-                shaded_by_view: vec![f32::NEG_INFINITY; count],
-                is_bright_ground: false,
-            },
-            None => cloud_threshold(observation),
-        };
+    let found = match settings.threshold {
+        Some(threshold) => CloudThreshold {
+            by_view: vec![threshold; count],
+            shaded_by_view: vec![f32::NEG_INFINITY; count],
+            contrast: None,
+        },
+        None => cloud_threshold(observation),
+    };
+    let is_bright_ground = found.is_bright_ground();
+    let CloudThreshold { by_view: thresholds, shaded_by_view, contrast } = found;
     if is_bright_ground {
         let mask = Mask::new(*grid, Array3::from_elem(grid.shape, true))?;
-        return Ok(Carved { mask, thresholds, is_bright_ground, beside: 0.0 });
+        return Ok(Carved { mask, thresholds, is_bright_ground, contrast, beside: 0.0 });
     }
     // Pixels whose radiance is not known, because they are saturated or defective, may show cloud.
     let known = observation.known();
@@ -152,7 +164,7 @@ pub fn carve(observation: &Observation, grid: &Grid, settings: &CarveSettings) -
         excess
     };
     let beside = share_beside(&mask, &observation.views, &excess);
-    Ok(Carved { mask, thresholds, is_bright_ground, beside })
+    Ok(Carved { mask, thresholds, is_bright_ground, contrast, beside })
 }
 
 /// The share of the light (1/sr in each pixel of a view) whose pixels show no block of voxels of the mask.

@@ -3,7 +3,7 @@
 use crate::array::{copied, give};
 use crate::compute::interruptibly;
 use crate::error::raise;
-use crate::exchange::{dataset, provenance, through_file, write};
+use crate::exchange::{dataset, provenance, through_file, warn_of_incomplete, write};
 use crate::grid::Grid;
 use crate::light::{Light, warn};
 use crate::observation::{Given, observation};
@@ -98,6 +98,7 @@ impl Carved {
 ///     The contents of the file are invalid; the message names the variable.
 #[pyfunction]
 pub(crate) fn read_mask(py: Python<'_>, path: PathBuf) -> PyResult<Carved> {
+    warn_of_incomplete(py, &path)?;
     let mask = py.detach(|| io::read_mask(&path)).map_err(raise)?;
     Ok(Carved::give(py, mask, None))
 }

@@ -2,7 +2,7 @@
 
 use crate::array::{copied, give, volume};
 use crate::error::raise;
-use crate::exchange::{dataset, provenance, through_file, write};
+use crate::exchange::{dataset, provenance, through_file, warn_of_incomplete, write};
 use crate::grid::Grid;
 use crate::light::Light;
 use crate::record::{Record, attributes, record};
@@ -127,6 +127,7 @@ impl Estimate {
 ///     The contents of the file are invalid; the message names the variable.
 #[pyfunction]
 pub(crate) fn read_volume(py: Python<'_>, path: PathBuf) -> PyResult<Estimate> {
+    warn_of_incomplete(py, &path)?;
     let estimate = py.detach(|| io::read_estimate(&path)).map_err(raise)?;
     Ok(Estimate::give(py, estimate, Light::read(&path)?))
 }

@@ -2,8 +2,9 @@
 //! of the files: they are written to a temporary file and read from it.
 
 use crate::error::raise;
+use crate::light::warn;
 use deepct_core::Result;
-use deepct_core::io::Provenance;
+use deepct_core::io::{self, Provenance};
 use pyo3::exceptions::PyOSError;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyEllipsis, PyString, PyTuple};
@@ -48,6 +49,14 @@ pub(crate) fn through_file<T>(
     options.set_item("format", "NETCDF4")?;
     dataset.call_method("to_netcdf", (&path,), Some(&options))?;
     read(&path).map_err(|problem| without_path(py, problem, &path))
+}
+
+/// Warns of a file whose computation was interrupted.
+pub(crate) fn warn_of_incomplete(py: Python<'_>, path: &Path) -> PyResult<()> {
+    match py.detach(|| io::incomplete(path)) {
+        None => Ok(()),
+        Some(lacking) => warn(py, &format!("{} is incomplete: {lacking}", path.display())),
+    }
 }
 
 /// The exception with "the data set" in the place of the name of a temporary file.

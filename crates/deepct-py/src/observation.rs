@@ -2,7 +2,7 @@
 
 use crate::array::{copied, give, images, images_in_any_unit, marks};
 use crate::error::raise;
-use crate::exchange::{dataset, provenance, through_file, write};
+use crate::exchange::{dataset, provenance, through_file, warn_of_incomplete, write};
 use crate::light::Light;
 use crate::record::{Record, attributes, record};
 use crate::view::{ViewSequence, Views};
@@ -163,6 +163,7 @@ impl Observation {
 ///     The contents of the file are invalid; the message names the variable.
 #[pyfunction]
 pub(crate) fn read_images(py: Python<'_>, path: PathBuf) -> PyResult<Observation> {
+    warn_of_incomplete(py, &path)?;
     Ok(Observation::give(py, read(py, &path)?))
 }
 

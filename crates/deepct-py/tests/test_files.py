@@ -251,3 +251,12 @@ def test_a_figure_is_that_of_the_command_line(results, tmp_path, command_line):
         figure.save(tmp_path / "figure.pdf")
     with pytest.raises(TypeError, match="cannot be compared"):
         deepct_py.plot(results["images"], results["cloud"])
+
+
+def test_an_incomplete_file_has_a_warning(results, tmp_path):
+    path = tmp_path / "volume.nc"
+    results["estimate"].to_netcdf(path)
+    with h5py.File(path, "a") as file:
+        file.attrs["incomplete"] = np.bytes_("stopped after 3 of 60 steps")
+    with pytest.warns(UserWarning, match="incomplete: stopped after 3 of 60 steps"):
+        deepct_py.read_volume(path)

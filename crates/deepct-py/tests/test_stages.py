@@ -1,5 +1,7 @@
 """Each stage compared with the result of NumPy for the same arrays."""
 
+import warnings
+
 import numpy as np
 import pytest
 
@@ -212,6 +214,21 @@ def test_bright_ground_gives_a_warning(grid, extinction):
     images = deepct_py.render(extinction, grid, views, light, solver="ordinates").radiance
     with pytest.warns(UserWarning, match="the clear surface is as bright as the clouds"):
         assert deepct_py.carve(images, views, grid).mask.all()
+
+
+def test_shaded_sides_of_clouds_above_bright_ground():
+    """Between an albedo of 0.15 and 0.5, up to a third of this cloud is darker than the ground."""
+    cloud = deepct_py.generate_cloud(seed=3)
+    for albedo, zenith, warns in ((0.15, 40.0, False), (0.25, 40.0, True), (0.5, 60.0, True)):
+        light = deepct_py.Light(sun=(zenith, 200.0), surface_albedo=albedo)
+        images = deepct_py.render(cloud, views="cloudct-10", light=light, samples=200)
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            mask = deepct_py.carve(images, grid=cloud.grid).mask
+        told = any("nearly as bright as the clouds" in str(warning.message) for warning in caught)
+        assert told == warns
+        assert cloud.extinction[~mask].sum() < 0.03 * cloud.extinction.sum()
+        assert mask.mean() < 0.3
 
 
 def test_pixels_that_are_saturated_or_defective(grid, extinction):

@@ -20,11 +20,8 @@ const DEVIATIONS_PER_MEDIAN: f64 = 1.482_6;
 /// sides of clouds may be darker than it. That of the ocean and the air above it is below, except for
 /// blue light.
 const GREY_GROUND: f64 = 0.12;
-/// Apparent albedo from which on the clear sky may be as bright as clouds.
-const BRIGHT_GROUND: f64 = 0.2;
-/// Smallest ratio of the brightest pixels to the background of such a surface with which they are
-/// taken for clouds. Above an albedo of 0.3, the ratio is 1.25 to 1.5, and a mask by brightness loses
-/// 6 to 20 % of the extinction; above 0.4, it loses most of it.
+/// Ratio of the brightest pixels to the background of such a surface below which clouds are taken to be
+/// no brighter than it: a mask by brightness may then lose most of them.
 const CONTRAST: f64 = 1.4;
 /// Largest ratio of the backgrounds of two views that the light of the atmosphere explains.
 const AIR_RISE: f64 = 4.0;
@@ -39,8 +36,16 @@ pub struct CloudThreshold {
     /// The radiance (1/sr) below which a pixel of each view may show the shaded side of a cloud; it is
     /// negative infinity above a dark surface, which is darker than clouds.
     pub shaded_by_view: Vec<f32>,
+    /// The ratio of the brightest pixels to the clear sky above a surface that may be brighter than
+    /// shaded sides of clouds; `None` above a dark one.
+    pub contrast: Option<f64>,
+}
+
+impl CloudThreshold {
     /// Whether the clear sky is so bright that clouds are not brighter.
-    pub is_bright_ground: bool,
+    pub fn is_bright_ground(&self) -> bool {
+        self.contrast.is_some_and(|contrast| contrast < CONTRAST)
+    }
 }
 
 /// The radiances (1/sr) that separate clear sky over a dark surface from cloud, estimated from the
@@ -122,7 +127,7 @@ fn threshold(
         return CloudThreshold {
             by_view: vec![0.0; views.len()],
             shaded_by_view: vec![f32::NEG_INFINITY; views.len()],
-            is_bright_ground: false,
+            contrast: None,
         };
     }
     let background = half_sample_mode(&values);
@@ -148,7 +153,7 @@ fn threshold(
     CloudThreshold {
         by_view: offsets.iter().map(|offset| (background + offset + rise) as f32).collect(),
         shaded_by_view: offsets.iter().map(|offset| (background + offset - below) as f32).collect(),
-        is_bright_ground: background > BRIGHT_GROUND * white && bright < CONTRAST * background,
+        contrast: is_grey.then(|| bright / background),
     }
 }
 
@@ -259,7 +264,7 @@ mod tests {
         let found = of(&ViewStack::new(both).unwrap(), None);
         assert!((0.0148..0.0165).contains(&found.by_view[0]), "{found:?}");
         assert!((found.by_view[1] - found.by_view[0] - 0.03).abs() < 5e-4, "{found:?}");
-        assert!(!found.is_bright_ground);
+        assert!(!found.is_bright_ground());
     }
 
     /// A view that clouds fill has the threshold of the others.
@@ -278,8 +283,8 @@ mod tests {
     fn ground_as_bright_as_clouds_is_recognised() {
         let bright = images(0.0005, 500, 2000).values.mapv(|value| 0.2 + 0.2 * value);
         let bright = ViewStack::new(bright).unwrap();
-        assert!(of(&bright, None).is_bright_ground);
-        assert!(!of(&images(0.0005, 500, 2000), None).is_bright_ground);
+        assert!(of(&bright, None).is_bright_ground());
+        assert!(!of(&images(0.0005, 500, 2000), None).is_bright_ground());
     }
 
     #[test]
