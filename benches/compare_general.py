@@ -92,7 +92,7 @@ def main() -> None:
                     return run_folded(layers, inputs)[0].numpy() * described.output_scale
 
             def deepct_run() -> np.ndarray:
-                return ours.estimate(radiance, views, light, grid=grid)[0]
+                return ours.estimate(radiance, views, light, grid=grid).extinction
 
             def carved_run() -> None:
                 deepct_run()

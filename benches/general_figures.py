@@ -6,8 +6,8 @@
 
 `general-calibration.png` has a point for each cloud and situation in DIR. `general-clouds.png` shows
 five test clouds of all sizes and their estimates for cloudct-10: the optical depth of the columns,
-and the extinction on a vertical plane through the centre of the extinction. Requires deepct_py,
-numpy, h5py and matplotlib.
+and the extinction on the vertical plane that has most of it. Requires deepct_py, numpy, h5py and
+matplotlib.
 """
 
 from __future__ import annotations
@@ -68,19 +68,18 @@ def clouds(arguments: argparse.Namespace, out: Path) -> None:
         (situation,) = general.situations("ten", cloud)
         images = bench.images(cloud, situation, "ordinates")
         views = situation.views(cloud.grid.center, cloud.grid.shape[1:])
-        estimate, _ = bench.networks["general"].estimate(
+        found = bench.networks["general"].estimate(
             images, views, bench.light(situation), grid=cloud.grid)
-        estimate = estimate * deepct.carve(images, views, cloud.grid).mask
+        estimate = found.extinction * deepct.carve(images, views, cloud.grid).mask
         error = deepct.score(cloud.extinction, estimate).relative_error
         dx, dy, dz = cloud.grid.spacing
         x, y, z = cloud.grid.origin
         nz, ny, nx = cloud.grid.shape
-        total = cloud.extinction.sum()
-        middle = int((cloud.extinction.sum((0, 2)) * np.arange(ny)).sum() / total + 0.5)
+        fullest = int(cloud.extinction.sum((0, 2)).argmax())
         for start, label, of in (
             (0, "optical depth", lambda field: field.sum(0) * dz),
-            (2, f"extinction (km$^{{-1}}$), y = {y + (middle + 0.5) * dy:.2f} km",
-             lambda field: field[:, middle]),
+            (2, f"extinction (km$^{{-1}}$), y = {y + (fullest + 0.5) * dy:.2f} km",
+             lambda field: field[:, fullest]),
         ):
             extent = (x, x + nx * dx, y, y + ny * dy) if start == 0 else (x, x + nx * dx, z, z + nz * dz)
             shown = [of(field) for field in (cloud.extinction, estimate)]
@@ -98,7 +97,7 @@ def clouds(arguments: argparse.Namespace, out: Path) -> None:
         row[2].set_ylabel("z (km)", fontsize=8)
     for column in axes[-1]:
         column.set_xlabel("x (km)", fontsize=8)
-    figure.savefig(out, dpi=90)
+    figure.savefig(out, dpi=90, bbox_inches="tight")
 
 
 def main() -> None:

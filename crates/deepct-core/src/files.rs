@@ -170,7 +170,7 @@ pub fn check_output(path: &Path) -> Result<()> {
     output_file(path).map(|_| ())
 }
 
-/// Writes a file through an [`Output`].
+/// Writes a file under a temporary name, which then gets its own.
 ///
 /// # Errors
 /// A file that cannot be written.
