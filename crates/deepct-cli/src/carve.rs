@@ -1,6 +1,6 @@
 //! `deepct carve`: the voxels that may contain cloud according to the images.
 
-use crate::files::Files;
+use crate::files::{self, Files};
 use crate::global::Global;
 use crate::outcome::Outcome;
 use deepct_core::carve::{CarveSettings, carve};
@@ -25,28 +25,15 @@ pub(crate) struct Args {
     /// kept
     #[arg(long, default_value_t = CarveSettings::default().agreement, value_name = "A")]
     agreement: f64,
-    /// Print a JSON array with an object for each file
-    #[arg(long)]
-    json: bool,
 }
 
 pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let settings = CarveSettings { threshold: args.threshold, agreement: args.agreement };
     settings.check()?;
     let grid = read_grid(&args.grid)?;
-    let mut summaries = Vec::new();
-    let result = args.files.each(|images, out| {
-        let summary = carve_file(args, &settings, &grid, images, out, global)?;
-        if !global.quiet && !args.json {
-            if args.files.are_many() { summary.say_line() } else { summary.say() }
-        }
-        summaries.push(summary);
-        Ok(())
-    });
-    if args.json {
-        say!("{}", serde_json::to_string_pretty(&summaries).expect("plain numbers and text"));
-    }
-    result.map(|()| Outcome::Success)
+    args.files
+        .each(global, |images, out| carve_file(args, &settings, &grid, images, out, global))?;
+    Ok(Outcome::Success)
 }
 
 fn carve_file(
@@ -96,7 +83,7 @@ struct Summary {
     thresholds: Vec<f32>,
 }
 
-impl Summary {
+impl files::Summary for Summary {
     fn say(&self) {
         let ends = |pick: fn(f32, f32) -> f32| self.thresholds.iter().copied().reduce(pick);
         match (ends(f32::min), ends(f32::max)) {

@@ -1,5 +1,6 @@
 //! Verbs that process several files with the same settings.
 
+use crate::global::Global;
 use crate::output::is_same_file;
 use deepct_core::files::check_output;
 use deepct_core::{Error, Result};
@@ -18,23 +19,51 @@ pub(crate) struct Files {
     /// be processed is reported, and the others are processed all the same
     #[arg(long, value_name = "DIR", conflicts_with = "out")]
     out_dir: Option<PathBuf>,
+    /// Print a JSON array with an object for each file
+    #[arg(long)]
+    json: bool,
+}
+
+/// What is printed about the processing of a file.
+pub(crate) trait Summary: serde::Serialize {
+    /// Print it for a single file.
+    fn say(&self);
+    /// Print it in one line, for one of several files.
+    fn say_line(&self);
 }
 
 impl Files {
-    /// Whether there may be several files, of which one line each is printed.
-    pub(crate) fn are_many(&self) -> bool {
-        self.out_dir.is_some()
-    }
-
-    /// Calls `process` with each file of images and the file to write.
+    /// Calls `process` with each file of images and the file to write, and prints what it returns.
     ///
     /// # Errors
     /// Outputs that cannot be written or would replace an input, before anything is processed; the
-    /// error of a single file; and, after all files, a number of files that could not be processed,
+    /// error of a single file; and, after all files, the number of those that could not be processed,
     /// whose errors have been printed.
-    pub(crate) fn each(&self, mut process: impl FnMut(&Path, &Path) -> Result<()>) -> Result<()> {
+    pub(crate) fn each<S: Summary>(
+        &self,
+        global: &Global,
+        process: impl Fn(&Path, &Path) -> Result<S>,
+    ) -> Result<()> {
+        let mut summaries = Vec::new();
+        let result = self.process(|images, out| {
+            let summary = process(images, out)?;
+            match self.out_dir {
+                _ if self.json || global.quiet => {}
+                None => summary.say(),
+                Some(_) => summary.say_line(),
+            }
+            summaries.push(summary);
+            Ok(())
+        });
+        if self.json {
+            say!("{}", serde_json::to_string_pretty(&summaries).expect("plain numbers and text"));
+        }
+        result
+    }
+
+    fn process(&self, mut process: impl FnMut(&Path, &Path) -> Result<()>) -> Result<()> {
         let outputs = self.outputs()?;
-        if !self.are_many() {
+        if self.out_dir.is_none() {
             return process(&self.images[0], &outputs[0]);
         }
         let mut failed = 0;
@@ -78,7 +107,8 @@ impl Files {
             if outputs[..number].contains(out) {
                 return Err(lost(out, "is the output of two files, of which one would be lost"));
             }
-            if self.are_many() && self.images.iter().any(|images| is_same_file(images, out)) {
+            if self.out_dir.is_some() && self.images.iter().any(|images| is_same_file(images, out))
+            {
                 return Err(lost(out, "is an input of this command, which would be lost"));
             }
         }

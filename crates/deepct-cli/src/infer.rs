@@ -2,7 +2,7 @@
 
 use crate::config;
 use crate::defaults;
-use crate::files::Files;
+use crate::files::{self, Files};
 use crate::global::Global;
 use crate::network::NetworkFlags;
 use crate::outcome::Outcome;
@@ -28,9 +28,6 @@ pub(crate) struct Args {
     /// Set the extinction to zero outside the mask that `deepct carve` finds
     #[arg(long)]
     carve: bool,
-    /// Print a JSON array with an object for each file
-    #[arg(long)]
-    json: bool,
     #[command(flatten)]
     settings: config::Settings,
 }
@@ -79,19 +76,8 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
         grid: args.network.grid()?,
         settings,
     };
-    let mut summaries = Vec::new();
-    let result = args.files.each(|images, out| {
-        let summary = run.file(images, out)?;
-        if !global.quiet && !args.json {
-            if args.files.are_many() { summary.say_line() } else { summary.say() }
-        }
-        summaries.push(summary);
-        Ok(())
-    });
-    if args.json {
-        say!("{}", serde_json::to_string_pretty(&summaries).expect("plain numbers and text"));
-    }
-    result.map(|()| Outcome::Success)
+    args.files.each(global, |images, out| run.file(images, out))?;
+    Ok(Outcome::Success)
 }
 
 /// What all files have in common.
@@ -169,7 +155,7 @@ struct Summary {
     rounding: Option<Rounding>,
 }
 
-impl Summary {
+impl files::Summary for Summary {
     fn say(&self) {
         let [levels, rows, cols] = self.shape;
         let [low, high] = self.altitudes_km;

@@ -224,7 +224,9 @@ impl Job<'_> {
         let Some(path) = &self.flags.mask else {
             let carved = carve(&self.observation, &self.grid, &self.settings.carve);
             let carved = carved.map_err(Error::in_file(self.images))?;
-            if let Some(warning) = carved.warning() {
+            // A mask that no image shows is refused later on.
+            let is_shown = shown(&carved.mask, &self.observation)?.count() > 0;
+            if let Some(warning) = carved.warning().filter(|_| is_shown) {
                 note!("deepct: warning: {}: {warning}", self.images.display());
             }
             return Ok(carved.mask);
