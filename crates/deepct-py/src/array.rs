@@ -300,8 +300,30 @@ fn coordinate(object: &Bound<'_, PyAny>, axis: &str) -> PyResult<Option<Vec<f64>
     Ok(values.extract().ok())
 }
 
+/// Refuse an xarray object whose pixels are not those of the radiance.
+pub(crate) fn check_pixels(
+    radiance: &Bound<'_, PyAny>,
+    other: Option<&Bound<'_, PyAny>>,
+    name: &str,
+) -> PyResult<()> {
+    let Some(other) = other else { return Ok(()) };
+    if !radiance.hasattr("coords")? || !other.hasattr("coords")? {
+        return Ok(());
+    }
+    for axis in IMAGES {
+        let both = coordinate(radiance, axis)?.zip(coordinate(other, axis)?);
+        if both.is_some_and(|(expected, found)| expected != found) {
+            return Err(PyValueError::new_err(format!(
+                "{name} has coordinates along {axis} that are not those of radiance: select the \
+                 same part of both"
+            )));
+        }
+    }
+    Ok(())
+}
+
 /// The grid that the coordinates of an xarray object state; `None` if it has none along one of the
-/// axes, or a single one without its spacing.
+/// axes, a single one without its spacing, or indices.
 fn stated_grid(object: &Bound<'_, PyAny>, name: &str) -> PyResult<Option<grid::Grid>> {
     if !object.hasattr("coords")? {
         return Ok(None);
@@ -311,6 +333,10 @@ fn stated_grid(object: &Bound<'_, PyAny>, name: &str) -> PyResult<Option<grid::G
         let Some(values) = coordinate(object, axis)? else { return Ok(None) };
         let attributes = object.getattr("coords")?.get_item(axis)?.getattr("attrs")?;
         let attribute = |name: &str| attributes.get_item(name).ok();
+        let is_index = |(index, value): (usize, &f64)| *value == index as f64;
+        if attribute("units").is_none() && values.iter().enumerate().all(is_index) {
+            return Ok(None);
+        }
         let units: String =
             attribute("units").map_or_else(|| Ok("km".into()), |units| units.extract())?;
         let to_km = unit_factor(&units, "km").ok_or_else(|| {

@@ -1,6 +1,6 @@
 //! `Observation`: images with their views and scene illumination, and images as arguments.
 
-use crate::array::{copied, give, images, images_in_any_unit, marks};
+use crate::array::{check_pixels, copied, give, images, images_in_any_unit, marks};
 use crate::error::raise;
 use crate::exchange::{dataset, provenance, through_file, warn_of_incomplete, write};
 use crate::light::Light;
@@ -215,6 +215,8 @@ pub(crate) fn observation(
         }
         return own.map_or_else(|_| from_dataset(radiance), |own| own.get().core(py));
     }
+    check_pixels(radiance, given.standard_error.as_ref(), "standard_error")?;
+    check_pixels(radiance, given.saturated.as_ref(), "saturated")?;
     let is_relative = given.light.as_ref().is_none_or(|light| light.core.sun.irradiance == 1.0);
     let values = if is_relative { images } else { images_in_any_unit };
     let stack = ViewStack::new(values(radiance, "radiance")?).map_err(raise)?;

@@ -1,6 +1,6 @@
 //! `sense`: simulation of the sensor.
 
-use crate::array::{give, images, marks};
+use crate::array::{check_pixels, give, images, marks};
 use crate::compute::interruptibly;
 use crate::error::raise;
 use crate::light::Light;
@@ -293,6 +293,7 @@ pub(crate) fn sense<'py>(
             PyClassInitializer::from(images).add_subclass(Exposure { electrons_per_radiance });
         return Ok(Py::new(py, exposure)?.into_any());
     }
+    check_pixels(radiance, standard_error.as_ref(), "standard_error")?;
     let radiance = images(radiance, "radiance")?;
     let errors = standard_error.map(|errors| images(&errors, "standard_error")).transpose()?;
     let sensed = interruptibly(py, move || {

@@ -69,7 +69,7 @@ def test_tiny_asymmetries_are_isotropic(grid, asymmetry):
     view = deepct_py.View.orthographic(0.0, 0.0, grid.center, 0.05, size=(2, 2))
     images = [
         deepct_py.render(
-            extinction, grid, [view], deepct_py.Light(asymmetry=value, periodic=True), samples_per_pixel=64
+            extinction, grid, [view], deepct_py.Light(asymmetry=value, periodic=True), samples=64
         )
         for value in (asymmetry, 0.0)
     ]
@@ -324,7 +324,7 @@ def test_an_inversion_knows_droplets_and_air(grid, extinction, views):
     # The true extinction reproduces the images with the light they were rendered with only.
     assert misfit() < 0.1
     assert misfit(air=False) > 1.0
-    assert misfit(phase="hg") > 1.0
+    assert misfit(phase="hg", effective_variance=None) > 1.0
     assert misfit(periodic=False) > 1.0
     assert misfit(wavelength=0.45) > 1.0
 

@@ -355,7 +355,7 @@ impl DropletOpticsModel {
         let by_mie = is_mie || self.extinction == ExtinctionModel::Mie;
         let phase = if is_mie { "mie" } else { "isotropic" };
         let unused = |name, value: f64, of: &str| {
-            let range = format!("not given, as it has no effect with {of}");
+            let range = format!("omitted, as it has no effect with {of}");
             Err(Error::out_of_range(name, value, range))
         };
         if !is_hg && self.asymmetry != default.asymmetry {
