@@ -5,10 +5,11 @@ use deepct_core::grid::{Grid, Volume};
 use deepct_core::image::{ImagingGeometry, ViewGeometry, ViewStack};
 use deepct_core::io::{GENERAL_WEIGHTS, load_trained_weights};
 use deepct_core::math::{DVec3, towards};
-use deepct_core::network::{Estimator, TrainedWeights};
-use deepct_core::scene::{Light, Observation, Sun, View};
+use deepct_core::network::{Estimator, TrainedWeights, Unusual};
+use deepct_core::scene::{Formation, Light, Observation, Sun, View};
 use deepct_core::transport::{OrdinatesSettings, Solver, render};
 use ndarray::{Array3, Axis};
+use std::f64::consts::PI;
 
 const SIZE: [usize; 2] = [20, 24];
 
@@ -306,6 +307,26 @@ fn a_bright_surface_is_not_taken_for_a_cloud() {
     assert!(change < 0.35, "{change}");
     let total = land.sum() / ocean.sum();
     assert!((0.8..1.2).contains(&total), "{total}");
+}
+
+/// Networks of one formation are for a dark surface, and name a brighter one.
+#[test]
+fn a_network_of_one_formation_names_a_bright_surface() {
+    let estimator = Estimator::new(load_trained_weights("cloudct-10").unwrap());
+    let views = Formation::cloudct_10().views(DVec3::new(0.8, 0.8, 1.12), [32, 32]).unwrap();
+    for (albedo, is_named) in [(0.0, false), (0.05, false), (0.15, true), (0.6, true)] {
+        // The radiance of a Lambertian surface, of which the air above it transmits about 95 %, and
+        // about that of the air.
+        let radiance = (0.95 * albedo / PI * 30_f64.to_radians().cos() + 0.004) as f32;
+        let images = ViewStack::new(Array3::from_elem((10, 32, 32), radiance)).unwrap();
+        let observation = Observation::new(Sun::default(), views.clone(), images).unwrap();
+        let geometry = observation.imaging_geometry().unwrap();
+        let estimate = estimator.estimate(&observation.images, &geometry, None).unwrap();
+        let found = estimator.unusual(&observation.images, &geometry, &estimate).unwrap();
+        assert_eq!(found.len(), usize::from(is_named), "{albedo}: {found:?}");
+        let names_albedo = |unusual: &Unusual| (unusual.value - albedo).abs() < 0.01;
+        assert!(found.iter().all(names_albedo), "{albedo}: {found:?}");
+    }
 }
 
 /// Weights for one formation accept grids with their own voxels and levels only.

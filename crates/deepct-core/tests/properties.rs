@@ -250,3 +250,14 @@ fn black_images_are_not_inverted() {
     let problem = invert(&problem, &mut models, &Start::Search, &settings, &()).unwrap_err();
     assert!(problem.to_string().contains("brightest radiance is 0"), "{problem}");
 }
+
+/// Weights, plans and results hold numbers as text, which by default is read with an error of the last
+/// digit.
+#[test]
+fn numbers_in_json_are_read_as_they_were_written() {
+    // Some of these change without the feature `float_roundtrip`.
+    for number in (1..20_000).map(|n| 1.0 / f64::from(n) + f64::from(n).sqrt()) {
+        let text = serde_json::to_string(&number).unwrap();
+        assert_eq!(serde_json::from_str::<f64>(&text).unwrap(), number);
+    }
+}

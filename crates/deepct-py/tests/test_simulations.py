@@ -588,7 +588,7 @@ def test_units_with_a_number(tmp_path, load, refused, units):
 
 
 def test_numbers_of_droplets_per_mass_of_air(tmp_path, load):
-    """100 per mg of air of 1.1 kg/m3 are 110 per cm3; the density is told once."""
+    """100 per mg of air of 1.1 kg/m3 are 110 per cm3; the density is stated once."""
     path = simple(tmp_path / "cloud.nc", water=1e-3 * WATER, units="kg kg-1")
     with netCDF4.Dataset(path, "a") as file:
         put(file, "nc", np.full(WATER.shape, 1e8), "kg-1", ("z", "y", "x"))

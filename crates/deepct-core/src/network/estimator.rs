@@ -1,7 +1,7 @@
 //! An estimator: trained weights of either kind, ready for images of any geometry they support.
 
-use super::surface::above_surface;
-use super::unusual::image_statistics;
+use super::surface::{above_surface, surface_albedo};
+use super::unusual::{image_statistics, unusual_surface};
 use super::{Estimate, GeneralWeights, Network, Training, Unusual, Weights};
 use crate::conv::Settings;
 use crate::error::{Error, Result};
@@ -220,7 +220,8 @@ impl Estimator {
 
     /// The statistics of images that are outside their range in the training of general weights, for
     /// example because the geometry is not that of the images, because they are saturated or in
-    /// another unit. Empty for weights that state no ranges. `estimate` is that of the images.
+    /// another unit. Empty for general weights that state no ranges; for weights of one formation, the
+    /// surface is compared only. `estimate` is that of the images.
     ///
     /// # Errors
     /// As [`Estimator::estimate`].
@@ -230,7 +231,10 @@ impl Estimator {
         geometry: &ImagingGeometry,
         estimate: &Estimate,
     ) -> Result<Vec<Unusual>> {
-        let TrainedWeights::General(weights) = &self.weights else { return Ok(Vec::new()) };
+        let TrainedWeights::General(weights) = &self.weights else {
+            let albedo = surface_albedo(images, geometry)?;
+            return Ok(unusual_surface(albedo).into_iter().collect());
+        };
         let typical = &weights.metadata.typical;
         if typical.is_empty() {
             return Ok(Vec::new());

@@ -46,11 +46,43 @@ impl Clear {
             factor: sun.z / PI * transmitted,
         }
     }
+
+    /// As [`Clear::new`], for each view.
+    fn of_views(geometry: &ImagingGeometry) -> Result<Vec<Self>> {
+        let views = &geometry.views;
+        let direction =
+            |zenith: f64, azimuth: f64| towards(zenith.to_radians(), azimuth.to_radians());
+        let sun = direction(views.sun_zenith_deg, views.sun_azimuth_deg);
+        let depth = Air::new(geometry.wavelength_um)?.optical_depth(0.0, TOP_KM);
+        let angles = views.view_zenith_deg.iter().zip(&views.view_azimuth_deg);
+        Ok(angles
+            .map(|(zenith, azimuth)| Self::new(sun, direction(*zenith, *azimuth), depth))
+            .collect())
+    }
+}
+
+/// The albedo of the surface that explains the darkest pixels of all views together.
+///
+/// # Errors
+/// A wavelength for which the molecular atmosphere is unknown.
+pub(super) fn surface_albedo(images: &ViewStack, geometry: &ImagingGeometry) -> Result<f64> {
+    Ok(albedo(images, &Clear::of_views(geometry)?, geometry.solar_irradiance))
+}
+
+/// As [`surface_albedo`], for a solar irradiance of `unit`.
+fn albedo(images: &ViewStack, clear: &[Clear], unit: f64) -> f64 {
+    let mut albedos: Vec<f32> = Vec::with_capacity(images.values.len());
+    for (image, clear) in images.values.outer_iter().zip(clear) {
+        let (path, scale) = ((clear.path * unit) as f32, (1.0 / (clear.factor * unit)) as f32);
+        albedos.extend(image.iter().map(|radiance| (radiance - path) * scale));
+    }
+    let dark = (CLEAR_SHARE * albedos.len() as f64) as usize;
+    let (_, &mut albedo, _) = albedos.select_nth_unstable_by(dark, f32::total_cmp);
+    f64::from(albedo)
 }
 
 /// The images with the radiance of the clear surface replaced by that of a surface with the albedo
-/// `reference`; `None` for a darker surface, or if no surface is visible. The albedo of the surface is the one that
-/// explains the darkest pixels of all views together.
+/// `reference`; `None` for a darker surface, or if no surface is visible.
 ///
 /// # Errors
 /// A wavelength for which the molecular atmosphere is unknown.
@@ -59,24 +91,9 @@ pub(super) fn above_surface(
     geometry: &ImagingGeometry,
     reference: f64,
 ) -> Result<Option<ViewStack>> {
-    let views = &geometry.views;
     let unit = geometry.solar_irradiance;
-    let direction = |zenith: f64, azimuth: f64| towards(zenith.to_radians(), azimuth.to_radians());
-    let sun = direction(views.sun_zenith_deg, views.sun_azimuth_deg);
-    let depth = Air::new(geometry.wavelength_um)?.optical_depth(0.0, TOP_KM);
-    let angles = views.view_zenith_deg.iter().zip(&views.view_azimuth_deg);
-    let clear: Vec<Clear> = angles
-        .map(|(zenith, azimuth)| Clear::new(sun, direction(*zenith, *azimuth), depth))
-        .collect();
-
-    let mut albedos: Vec<f32> = Vec::with_capacity(images.values.len());
-    for (image, clear) in images.values.outer_iter().zip(&clear) {
-        let (path, scale) = ((clear.path * unit) as f32, (1.0 / (clear.factor * unit)) as f32);
-        albedos.extend(image.iter().map(|radiance| (radiance - path) * scale));
-    }
-    let dark = (CLEAR_SHARE * albedos.len() as f64) as usize;
-    let (_, &mut albedo, _) = albedos.select_nth_unstable_by(dark, f32::total_cmp);
-    let albedo = f64::from(albedo);
+    let clear = Clear::of_views(geometry)?;
+    let albedo = albedo(images, &clear, unit);
     // A network takes a brighter surface for a cloud, but not a darker one; where shadows cover much
     // of the images, the albedo that is found is too low.
     if !(reference..=LARGEST_ALBEDO).contains(&albedo) {
@@ -86,7 +103,8 @@ pub(super) fn above_surface(
     for (mut image, clear) in values.outer_iter_mut().zip(&clear) {
         let surface = (unit * (clear.path + albedo * clear.factor)) as f32;
         let change = (unit * (reference - albedo) * clear.factor) as f32;
-        let hiding = (-1.0 / (HIDING * sun.z * unit)) as f32;
+        let hiding =
+            (-1.0 / (HIDING * geometry.views.sun_zenith_deg.to_radians().cos() * unit)) as f32;
         image.mapv_inplace(|radiance| {
             radiance + change * ((radiance - surface).max(0.0) * hiding).exp()
         });

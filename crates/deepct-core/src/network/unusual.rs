@@ -10,6 +10,9 @@ use std::collections::BTreeMap;
 /// Share of the pixels that are darker than the background.
 const DARK_SHARE: f64 = 0.1;
 
+/// The statistic of images for a network of one formation.
+const SURFACE: &str = "surface_albedo";
+
 /// How well many views are explained, and at most [`FEW`], for which it may be less.
 const EXPLAINED: &str = "explained";
 const EXPLAINED_FEW: &str = "explained_few";
@@ -47,12 +50,23 @@ fn meaning(name: &str) -> &str {
             "the radiance of the darkest tenth over the cosine of the solar zenith angle"
         }
         "brightest" => "the largest radiance over the cosine of the solar zenith angle",
+        SURFACE => "the albedo of the surface, which is taken for a cloud if it is bright,",
         "equal" => "the largest share of a view's pixels that all have its largest radiance",
         EXPLAINED | EXPLAINED_FEW => {
             "the correlation of the images with the estimate along their lines of sight"
         }
         other => other,
     }
+}
+
+/// Albedos (found in images) of the surface below the clouds with which the networks of one formation
+/// were trained: all are 0.05, and noise and air are allowed for.
+const DARK_SURFACES: [f64; 2] = [0.0, 0.08];
+
+/// The albedo of the surface in images for a network of one formation, if it is not that of a dark one.
+pub(super) fn unusual_surface(albedo: f64) -> Option<Unusual> {
+    let is_bright = albedo > DARK_SURFACES[1];
+    is_bright.then(|| Unusual { name: SURFACE.into(), value: albedo, typical: DARK_SURFACES })
 }
 
 /// The statistics of images, by name:
