@@ -9,10 +9,11 @@ use hdf5::plist::file_create::AttrCreationOrder;
 use hdf5::plist::{FileAccess, FileCreate};
 use hdf5::{File, Location, Result, h5check};
 use hdf5_sys::h5a::{H5Aclose, H5Acreate2, H5Awrite};
-use hdf5_sys::h5f::{H5F_ACC_TRUNC, H5Fclose, H5Fcreate};
+use hdf5_sys::h5f::{H5F_ACC_TRUNC, H5Fcreate};
 use hdf5_sys::h5i::hid_t;
 use hdf5_sys::h5p::{
-    H5P_CRT_ORDER_INDEXED, H5P_CRT_ORDER_TRACKED, H5P_DEFAULT, H5Pset_link_creation_order,
+    H5P_CRT_ORDER_INDEXED, H5P_CRT_ORDER_TRACKED, H5P_DEFAULT, H5Pset_file_locking,
+    H5Pset_link_creation_order,
 };
 use hdf5_sys::h5s::{H5S_class_t, H5Sclose, H5Screate};
 use hdf5_sys::h5t::{
@@ -42,13 +43,15 @@ pub(super) fn create(path: &Path) -> Result<File> {
         .map_err(|_| hdf5::Error::from("the path contains a zero byte"))?;
     let order = H5P_CRT_ORDER_TRACKED | H5P_CRT_ORDER_INDEXED;
     // SAFETY: the lists are open while they are borrowed, the name ends in a zero byte and outlives
-    // the calls, the file is closed once, and the lock excludes other threads.
+    // the calls, the file owns its identifier, and the lock excludes other threads.
     hdf5::sync::sync(|| unsafe {
         h5check(H5Pset_link_creation_order(creation.id(), order))?;
+        // A lock would outlive the closed file where another thread is starting a program, until that
+        // program begins. Nobody else writes to this file, which has a temporary name.
+        h5check(H5Pset_file_locking(access.id(), 0, 1))?;
         let file = H5Fcreate(name.as_ptr(), H5F_ACC_TRUNC, creation.id(), access.id());
-        h5check(H5Fclose(h5check(file)?))
-    })?;
-    File::with_options().with_fapl(|access| access.libver_v18()).open_rw(path)
+        hdf5::from_id(h5check(file)?)
+    })
 }
 
 /// Adds a text attribute of fixed length. Texts of variable length are refused or dropped by Ferret,
