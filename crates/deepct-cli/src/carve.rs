@@ -1,8 +1,9 @@
 //! `deepct carve`: the voxels that may contain cloud according to the images.
 
-use crate::files::{self, Files};
+use crate::files::Files;
 use crate::global::Global;
 use crate::outcome::Outcome;
+use crate::summary;
 use deepct_core::carve::{CarveSettings, carve};
 use deepct_core::grid::Grid;
 use deepct_core::io::{Provenance, read_grid, read_observation, write_mask};
@@ -83,7 +84,7 @@ struct Summary {
     thresholds: Vec<f32>,
 }
 
-impl files::Summary for Summary {
+impl summary::Summary for Summary {
     fn say(&self) {
         let ends = |pick: fn(f32, f32) -> f32| self.thresholds.iter().copied().reduce(pick);
         match (ends(f32::min), ends(f32::max)) {

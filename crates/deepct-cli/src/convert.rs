@@ -3,7 +3,7 @@
 use crate::cloud::import_as_it_is;
 use crate::global::Global;
 use crate::outcome::Outcome;
-use crate::output::is_same_file;
+use crate::output::{check_origin, is_same_file};
 use deepct_core::files::check_output;
 use deepct_core::io::export::{Fields, export_fields, export_images};
 use deepct_core::io::{Content, Provenance, read_content, write_cloud};
@@ -31,6 +31,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
         return Err(Error::file(output, "OUTPUT", problem, "give another name"));
     }
     check_output(output)?;
+    check_origin(output, "OUTPUT", global.force)?;
     match read_content(input)? {
         Some(_) if is_netcdf(output) => {
             let remedy = "name another format (see `deepct formats`), or copy the file";

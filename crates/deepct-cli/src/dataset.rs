@@ -5,9 +5,11 @@ use crate::defaults;
 use crate::global::Global;
 use crate::outcome::Outcome;
 use crate::progress::Progress;
+use crate::summary::{Form, Summary};
 use clap::Subcommand;
 use deepct_core::Result;
 use deepct_core::dataset::{self, DatasetSettings, Generated, Plan, Share, Split};
+use serde::Serialize;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
@@ -22,7 +24,12 @@ pub(crate) struct Args {
 #[derive(Debug, Subcommand)]
 enum Action {
     /// Select the samples, write the selection to plan.json and print the number per split
-    Plan(Order),
+    Plan {
+        #[command(flatten)]
+        order: Order,
+        #[command(flatten)]
+        form: Form,
+    },
     /// Generate the samples that do not exist yet; can be interrupted and restarted at any time
     Generate {
         #[command(flatten)]
@@ -31,11 +38,15 @@ enum Action {
         /// call without this option collects their samples and writes the manifest
         #[arg(long, value_name = "NUMBER/OF")]
         share: Option<Share>,
+        #[command(flatten)]
+        form: Form,
     },
     /// Compare every sample with the manifest
     Check {
         /// Folder of the data set
         folder: PathBuf,
+        #[command(flatten)]
+        form: Form,
     },
 }
 
@@ -68,25 +79,72 @@ impl Order {
 
 pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
     match &args.action {
-        Action::Plan(order) => {
+        Action::Plan { order, form } => {
             let plan = order.plan(global)?;
             let [train, validation, test] =
                 [Split::Train, Split::Validation, Split::Test].map(|split| plan.count(split));
-            say!("{train} train, {validation} validation and {test} test samples");
+            form.print(&Planned { train, validation, test }, global);
         }
-        Action::Generate { order, share } => generate(order, *share, global)?,
-        Action::Check { folder } => {
+        Action::Generate { order, share, form } => {
+            form.print(&generate(order, *share, global)?, global);
+        }
+        Action::Check { folder, form } => {
             let samples = dataset::Manifest::read(folder)?.samples.len() as u64;
             let progress = Progress::start(global, "samples", samples);
             let manifest = dataset::check(folder, &|done| progress.advance(done))?;
             drop(progress);
-            say!("{} samples, all consistent with the manifest", manifest.samples.len());
+            form.print(&Checked { samples: manifest.samples.len() }, global);
         }
     }
     Ok(Outcome::Success)
 }
 
-fn generate(order: &Order, share: Option<Share>, global: &Global) -> Result<()> {
+/// The number of samples of each split.
+#[derive(Debug, Serialize)]
+struct Planned {
+    train: usize,
+    validation: usize,
+    test: usize,
+}
+
+impl Summary for Planned {
+    fn say(&self) {
+        let Self { train, validation, test } = self;
+        say!("{train} train, {validation} validation and {test} test samples");
+    }
+}
+
+/// The number of samples that agree with the manifest: all of them.
+#[derive(Debug, Serialize)]
+struct Checked {
+    samples: usize,
+}
+
+impl Summary for Checked {
+    fn say(&self) {
+        say!("{} samples, all consistent with the manifest", self.samples);
+    }
+}
+
+/// The number of samples, and of those made by this run, which took a time.
+#[derive(Debug, Serialize)]
+struct Made {
+    samples: usize,
+    made: usize,
+    seconds: f64,
+}
+
+impl Summary for Made {
+    fn say(&self) {
+        let Self { samples, made, seconds } = self;
+        say!("{samples} samples, {made} of them made now in {seconds:.0} s");
+        if *made > 0 {
+            say!("{:.0} samples per hour", 3600.0 * *made as f64 / seconds);
+        }
+    }
+}
+
+fn generate(order: &Order, share: Option<Share>, global: &Global) -> Result<Made> {
     let plan = order.plan(global)?;
     let missing = plan.missing(&order.out, share) as u64;
     let start = Instant::now();
@@ -100,9 +158,5 @@ fn generate(order: &Order, share: Option<Share>, global: &Global) -> Result<()> 
     })?;
     drop(progress);
     let Generated { samples, made } = generated;
-    say!("{samples} samples, {made} of them made now in {:.0} s", start.elapsed().as_secs_f64());
-    if made > 0 {
-        say!("{:.0} samples per hour", per_hour(made as u64));
-    }
-    Ok(())
+    Ok(Made { samples, made, seconds: start.elapsed().as_secs_f64() })
 }

@@ -5,6 +5,7 @@ use crate::defaults;
 use crate::global::Global;
 use crate::outcome::Outcome;
 use crate::progress::{InversionProgress, stopped};
+use crate::summary::{self, Form};
 use deepct_core::experiment::{self, Experiment, ExperimentSettings, Method};
 use deepct_core::inversion::{Checkpoint, Record, Watch};
 use deepct_core::{Error, Result};
@@ -24,6 +25,8 @@ pub(crate) struct Args {
     /// Folder for the results and the report
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
+    #[command(flatten)]
+    form: Form,
 }
 
 pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
@@ -37,11 +40,24 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
         note!("deepct: stopped early; repeat the command to continue");
         return Ok(Outcome::Interrupted);
     }
-    if !global.quiet {
-        say!("{} results, {made} of them made now", outcomes.len());
-        say!("report: {}", args.out.join("report.md").display());
-    }
+    args.form.print(&Summary { outcomes, made, report: args.out.join("report.md") }, global);
     Ok(Outcome::Success)
+}
+
+/// What is printed about an experiment.
+#[derive(Debug, serde::Serialize)]
+struct Summary {
+    outcomes: Vec<experiment::Outcome>,
+    /// Number of results that this run computed.
+    made: usize,
+    report: PathBuf,
+}
+
+impl summary::Summary for Summary {
+    fn say(&self) {
+        say!("{} results, {} of them made now", self.outcomes.len(), self.made);
+        say!("report: {}", self.report.display());
+    }
 }
 
 /// Reports the current cloud and method, and the progress of the inversion.

@@ -1,7 +1,8 @@
 //! Verbs that process several files with the same settings.
 
 use crate::global::Global;
-use crate::output::is_same_file;
+use crate::output::{check_origin, is_same_file};
+use crate::summary::{Form, Summary, print_json};
 use deepct_core::files::check_output;
 use deepct_core::{Error, Result};
 use std::path::{Path, PathBuf};
@@ -19,17 +20,8 @@ pub(crate) struct Files {
     /// be processed is reported, and the others are processed all the same
     #[arg(long, value_name = "DIR", conflicts_with = "out")]
     out_dir: Option<PathBuf>,
-    /// Print a JSON array with an object for each file
-    #[arg(long)]
-    json: bool,
-}
-
-/// What is printed about the processing of a file.
-pub(crate) trait Summary: serde::Serialize {
-    /// Print it for a single file.
-    fn say(&self);
-    /// Print it in one line, for one of several files.
-    fn say_line(&self);
+    #[command(flatten)]
+    form: Form,
 }
 
 impl Files {
@@ -45,24 +37,28 @@ impl Files {
         process: impl Fn(&Path, &Path) -> Result<S>,
     ) -> Result<()> {
         let mut summaries = Vec::new();
-        let result = self.process(|images, out| {
+        let result = self.process(global.force, |images, out| {
             let summary = process(images, out)?;
             match self.out_dir {
-                _ if self.json || global.quiet => {}
+                _ if self.form.json || global.quiet => {}
                 None => summary.say(),
                 Some(_) => summary.say_line(),
             }
             summaries.push(summary);
             Ok(())
         });
-        if self.json {
-            say!("{}", serde_json::to_string_pretty(&summaries).expect("plain numbers and text"));
+        if self.form.json {
+            print_json(&summaries);
         }
         result
     }
 
-    fn process(&self, mut process: impl FnMut(&Path, &Path) -> Result<()>) -> Result<()> {
-        let outputs = self.outputs()?;
+    fn process(
+        &self,
+        force: bool,
+        mut process: impl FnMut(&Path, &Path) -> Result<()>,
+    ) -> Result<()> {
+        let outputs = self.outputs(force)?;
         if self.out_dir.is_none() {
             return process(&self.images[0], &outputs[0]);
         }
@@ -85,7 +81,7 @@ impl Files {
     }
 
     /// The files to write.
-    fn outputs(&self) -> Result<Vec<PathBuf>> {
+    fn outputs(&self, force: bool) -> Result<Vec<PathBuf>> {
         let outputs: Vec<PathBuf> = match (&self.out, &self.out_dir) {
             (Some(out), _) if self.images.len() == 1 => vec![out.clone()],
             (Some(_), _) => {
@@ -115,7 +111,10 @@ impl Files {
         self.out_dir
             .iter()
             .try_for_each(|folder| std::fs::create_dir_all(folder).map_err(Error::io(folder)))?;
-        outputs.iter().try_for_each(|out| check_output(out))?;
+        outputs.iter().try_for_each(|out| {
+            check_output(out)?;
+            check_origin(out, "--out-dir", force)
+        })?;
         Ok(outputs)
     }
 }

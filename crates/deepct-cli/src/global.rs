@@ -24,6 +24,10 @@ pub(crate) struct Global {
     /// sets. Only for files that you trust
     #[arg(long, global = true)]
     allow_external: bool,
+    /// Do what is refused otherwise: replace a file that deepct did not write, and use a network outside
+    /// the range of its training
+    #[arg(long, global = true)]
+    pub(crate) force: bool,
     /// Print errors only
     #[arg(short, long, global = true)]
     pub(crate) quiet: bool,

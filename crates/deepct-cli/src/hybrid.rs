@@ -36,7 +36,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
     if args.quick {
         settings.inversion = settings.inversion.quick();
     }
-    let network = args.network.estimator(conv::Settings::default())?;
+    let network = args.network.estimator(conv::Settings::default(), global.force)?;
     let grid = args.network.grid()?;
     let mut observation = read_observation(&args.images)?;
     resolve_light(&mut observation, &args.images, &given, global.quiet)?;

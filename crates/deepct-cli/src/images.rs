@@ -1,6 +1,7 @@
 //! `deepct images check`: what a file of images means to deepct.
 
 use crate::outcome::Outcome;
+use crate::summary::print_json;
 use deepct_core::carve::cloud_threshold;
 use deepct_core::files::check_output;
 use deepct_core::io::{GENERAL_WEIGHTS, load_trained_weights, read_observation};
@@ -50,7 +51,7 @@ pub(crate) fn run(args: &Args) -> Result<Outcome> {
     let observation = read_observation(&args.images)?;
     let summary = Summary::of(&observation).map_err(Error::in_file(&args.images))?;
     if args.json {
-        say!("{}", serde_json::to_string_pretty(&summary).expect("plain numbers and text"));
+        print_json(&summary);
     } else {
         summary.say();
     }

@@ -2,10 +2,11 @@
 
 use crate::config;
 use crate::defaults;
-use crate::files::{self, Files};
+use crate::files::Files;
 use crate::global::Global;
 use crate::network::NetworkFlags;
 use crate::outcome::Outcome;
+use crate::summary;
 use deepct_core::carve::{CarveSettings, carve};
 use deepct_core::conv;
 use deepct_core::grid::{Grid, Mask, Volume};
@@ -71,8 +72,8 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let run = Run {
         args,
         global,
-        network: args.network.estimator(convolution)?,
-        exact: rounded.then(|| args.network.estimator(single)).transpose()?,
+        network: args.network.estimator(convolution, global.force)?,
+        exact: rounded.then(|| args.network.estimator(single, global.force)).transpose()?,
         grid: args.network.grid()?,
         settings,
     };
@@ -155,7 +156,7 @@ struct Summary {
     rounding: Option<Rounding>,
 }
 
-impl files::Summary for Summary {
+impl summary::Summary for Summary {
     fn say(&self) {
         let [levels, rows, cols] = self.shape;
         let [low, high] = self.altitudes_km;

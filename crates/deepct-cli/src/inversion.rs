@@ -6,6 +6,7 @@ use crate::global::Global;
 use crate::light::LightFlags;
 use crate::outcome::Outcome;
 use crate::progress::{InversionProgress, stop, stopped};
+use crate::summary::{self, Form};
 use deepct_core::carve::{CarveSettings, carve};
 use deepct_core::files::check_output;
 use deepct_core::grid::{Grid, Mask, Volume};
@@ -41,6 +42,8 @@ pub(crate) struct Flags {
     /// additional ending .checkpoint is kept beside it
     #[arg(long, value_name = "V.nc")]
     out: PathBuf,
+    #[command(flatten)]
+    form: Form,
     #[command(flatten)]
     settings: config::Settings,
     #[command(flatten)]
@@ -170,9 +173,7 @@ impl Job<'_> {
         } else if checkpoint.exists() {
             std::fs::remove_file(&checkpoint).map_err(Error::io(&checkpoint))?;
         }
-        if !global.quiet {
-            report(&reconstruction, &mask);
-        }
+        flags.form.print(&Summary::of(self.images, &flags.out, &reconstruction, &mask), global);
         if reconstruction.ending == Ending::Interrupted {
             return Ok(Outcome::Interrupted);
         }
@@ -271,18 +272,58 @@ fn beside(out: &Path) -> PathBuf {
     name.into()
 }
 
-fn report(reconstruction: &Reconstruction, mask: &Mask) {
-    let Reconstruction { extinction, history, ending } = reconstruction;
-    let ending = ending.description();
-    say!("mask     {} of {} voxels", mask.count(), mask.grid.len());
-    if let Some(last) = history.last() {
-        let steps = history.iter().filter(|record| record.iteration > 0).count();
-        say!("steps    {steps} in {:.1} s: {ending}", last.seconds);
-        say!("misfit   {:.3}", last.misfit);
-        if let (Some(epsilon), Some(delta)) = (last.relative_error, last.mass_error) {
+/// What is printed about an inversion.
+#[derive(Debug, Serialize)]
+struct Summary<'a> {
+    images: &'a Path,
+    out: &'a Path,
+    /// Number of voxels of the grid, and of those inside the mask.
+    voxels: usize,
+    mask_voxels: usize,
+    /// Number of steps, on coarser grids too.
+    steps: usize,
+    /// Run time (s), and the state at the end.
+    seconds: f64,
+    misfit: f64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    relative_error: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    mass_error: Option<f64>,
+    /// Why the inversion ended.
+    ending: &'static str,
+    /// Largest extinction (1/km).
+    largest: f32,
+}
+
+impl<'a> Summary<'a> {
+    fn of(images: &'a Path, out: &'a Path, result: &'a Reconstruction, mask: &Mask) -> Self {
+        let Reconstruction { extinction, history, ending } = result;
+        let last = history.last();
+        Self {
+            images,
+            out,
+            voxels: mask.grid.len(),
+            mask_voxels: mask.count(),
+            steps: history.iter().filter(|record| record.iteration > 0).count(),
+            seconds: last.map_or(0.0, |last| last.seconds),
+            misfit: last.map_or(f64::NAN, |last| last.misfit),
+            relative_error: last.and_then(|last| last.relative_error),
+            mass_error: last.and_then(|last| last.mass_error),
+            ending: ending.description(),
+            largest: extinction.values.iter().copied().fold(0.0, f32::max),
+        }
+    }
+}
+
+impl summary::Summary for Summary<'_> {
+    fn say(&self) {
+        say!("mask     {} of {} voxels", self.mask_voxels, self.voxels);
+        say!("steps    {} in {:.1} s: {}", self.steps, self.seconds, self.ending);
+        say!("misfit   {:.3}", self.misfit);
+        if let (Some(epsilon), Some(delta)) = (self.relative_error, self.mass_error) {
             say!("epsilon  {epsilon:.4}");
             say!("delta    {delta:.4}");
         }
+        say!("largest  {:.3} km-1", self.largest);
     }
-    say!("largest  {:.3} km-1", extinction.values.iter().copied().fold(0.0, f32::max));
 }

@@ -75,11 +75,6 @@ impl LightFlags {
         }
         Ok(values)
     }
-
-    /// The scene illumination that the options describe.
-    pub(crate) fn describe(&self, set: &[String]) -> Result<Light> {
-        Light::default().with_values(&self.values(set)?)
-    }
 }
 
 /// Completes the light of images: what their file states, with the given values in its place. Prints a

@@ -15,6 +15,7 @@ mod convert;
 mod dataset;
 mod defaults;
 mod demo;
+mod examples;
 mod experiment;
 mod files;
 mod formats;
@@ -35,10 +36,11 @@ mod regrid;
 mod render;
 mod score;
 mod sense;
+mod summary;
 mod validate;
 mod weights;
 
-use clap::{Parser, Subcommand};
+use clap::{Command, CommandFactory, FromArgMatches, Parser, Subcommand};
 use deepct_core::Error;
 use global::Global;
 use outcome::Outcome;
@@ -82,7 +84,7 @@ enum Verb {
 
 fn run(cli: Cli) -> deepct_core::Result<Outcome> {
     cli.global.start()?;
-    output::check_outputs(std::env::args_os())?;
+    output::check_outputs(std::env::args_os(), cli.global.force)?;
     output::warn_of_incomplete(std::env::args_os());
     match cli.verb {
         Verb::Cloud(args) => cloud::run(&args, &cli.global),
@@ -109,6 +111,11 @@ fn run(cli: Cli) -> deepct_core::Result<Outcome> {
     }
 }
 
+/// The command line, with examples in the help of each verb.
+fn command() -> Command {
+    examples::add_to(Cli::command())
+}
+
 /// Ends the program if reading a damaged file does not end.
 fn end_endless_reading() {
     loop {
@@ -122,7 +129,9 @@ fn end_endless_reading() {
 
 fn main() -> ExitCode {
     std::thread::spawn(end_endless_reading);
-    let code = match run(Cli::parse()) {
+    let code = match run(
+        Cli::from_arg_matches(&command().get_matches()).unwrap_or_else(|error| error.exit())
+    ) {
         Ok(Outcome::Success) => ExitCode::SUCCESS,
         Ok(Outcome::CheckFailed) => ExitCode::from(1),
         // As of a program that is ended by SIGINT, so that `&&` and scripts do not go on.

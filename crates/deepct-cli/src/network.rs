@@ -26,17 +26,13 @@ pub(crate) struct NetworkFlags {
     /// centred on the target, and voxels as wide as the smallest pixel
     #[arg(long, value_name = "C.nc|GRID.toml")]
     pub(crate) grid: Option<PathBuf>,
-    /// Also use the general weights for a formation, Sun, pixel or voxel size outside the range of
-    /// their training
-    #[arg(long)]
-    force: bool,
 }
 
 impl NetworkFlags {
-    /// The estimator with these weights.
-    pub(crate) fn estimator(&self, settings: conv::Settings) -> Result<Estimator> {
+    /// The estimator with these weights, also outside the range of their training if `force` is set.
+    pub(crate) fn estimator(&self, settings: conv::Settings, force: bool) -> Result<Estimator> {
         let estimator = Estimator::with_settings(load_trained_weights(&self.weights)?, settings);
-        Ok(if self.force { estimator.outside_training() } else { estimator })
+        Ok(if force { estimator.outside_training() } else { estimator })
     }
 
     /// Warns of images that do not look like those of the training.

@@ -3,6 +3,7 @@
 use crate::cloud::import_as_it_is;
 use crate::global::Global;
 use crate::outcome::Outcome;
+use crate::summary::{Form, Summary};
 use deepct_core::files::check_output;
 use deepct_core::grid::Volume;
 use deepct_core::io::{
@@ -28,6 +29,8 @@ pub(crate) struct Args {
     /// File to write
     #[arg(long, value_name = "V.nc")]
     out: PathBuf,
+    #[command(flatten)]
+    form: Form,
 }
 
 pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
@@ -46,16 +49,17 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
     match content {
         Content::Cloud(cloud) => {
             let resampled = cloud.resampled(&grid)?;
-            say_change(&extinction(&cloud)?, &extinction(&resampled)?, global);
+            args.say_change(&extinction(&cloud)?, &extinction(&resampled)?, global);
             write_cloud(&args.out, &resampled, &provenance("Cloud on another grid"))?;
         }
         Content::Estimate(estimate) => {
             let resampled = estimate.extinction.resampled(&grid);
-            say_change(&estimate.extinction, &resampled, global);
+            args.say_change(&estimate.extinction, &resampled, global);
             write_volume(&args.out, &resampled, &provenance("Extinction on another grid"))?;
         }
         Content::Mask(mask) => {
             write_mask(&args.out, &mask.resampled(&grid), &provenance("Mask on another grid"))?;
+            args.form.print(&Change { out: &args.out, extinction: None }, global);
         }
         Content::Images(_) => {
             let remedy = "give a cloud, a volume or a mask";
@@ -70,15 +74,32 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
     Ok(Outcome::Success)
 }
 
-/// Print how much of the extinction, summed over the volume, is on the new grid.
-fn say_change(before: &Volume, after: &Volume, global: &Global) {
-    let amount = |volume: &Volume| {
-        let sum: f64 = volume.values.iter().map(|value| f64::from(*value)).sum();
-        sum * volume.grid.spacing.element_product()
-    };
-    let (before, after) = (amount(before), amount(after));
-    if !global.quiet && before > 0.0 {
-        say!("extinction  {:.2} % of that of the old grid", 100.0 * after / before);
+impl Args {
+    /// Print how much of the extinction, summed over the volume, is on the new grid.
+    fn say_change(&self, before: &Volume, after: &Volume, global: &Global) {
+        let amount = |volume: &Volume| {
+            let sum: f64 = volume.values.iter().map(|value| f64::from(*value)).sum();
+            sum * volume.grid.spacing.element_product()
+        };
+        let (before, after) = (amount(before), amount(after));
+        let extinction = (before > 0.0).then(|| after / before);
+        self.form.print(&Change { out: &self.out, extinction }, global);
+    }
+}
+
+/// What is printed about a field on another grid.
+#[derive(Debug, serde::Serialize)]
+struct Change<'a> {
+    out: &'a Path,
+    /// The extinction, summed over the volume, divided by that on the old grid, if there is any.
+    extinction: Option<f64>,
+}
+
+impl Summary for Change<'_> {
+    fn say(&self) {
+        if let Some(share) = self.extinction {
+            say!("extinction  {:.2} % of that of the old grid", 100.0 * share);
+        }
     }
 }
 

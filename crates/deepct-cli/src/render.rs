@@ -4,16 +4,20 @@ use crate::global::Global;
 use crate::light::{LightFlags, warn_of_neglected};
 use crate::outcome::Outcome;
 use crate::progress::RenderProgress;
+use crate::summary::{self, Form};
 use deepct_core::files::check_output;
 use deepct_core::io::{
-    Provenance, read_cloud, read_implausible_cloud, write_exr, write_observation,
+    Provenance, load_trained_weights, read_cloud, read_implausible_cloud, write_exr,
+    write_observation,
 };
+use deepct_core::network::{TrainedWeights, Weights};
 use deepct_core::plot::{contact_sheet, view_labels};
-use deepct_core::scene::{Light, Observation, Scene, VIEW_FILE_HELP, View, ViewList};
+use deepct_core::scene::{Light, Observation, Scene, Sun, VIEW_FILE_HELP, View, ViewList};
 use deepct_core::transport::{
     FluxSettings, Fluxes, MonteCarloSettings, OrdinatesSettings, Rendering, Solver, fluxes, render,
 };
 use deepct_core::{Error, Result};
+use serde::Serialize;
 use std::path::{Path, PathBuf};
 
 /// Compute the radiances that the cameras observe
@@ -29,8 +33,21 @@ pub(crate) struct Args {
     /// Views: cloudct-10, pearls-32, or a TOML file of views. Unless the file specifies otherwise,
     /// the cameras point at the centre of the cloud's grid, and an image has as many pixels as the
     /// grid has columns
-    #[arg(long, value_name = "NAME|FILE.toml")]
-    views: String,
+    #[arg(long, value_name = "NAME|FILE.toml", required_unless_present = "like")]
+    views: Option<String>,
+    /// Images like those that these weights were trained for: their cameras, altitude of the target,
+    /// Sun and wavelength, with air and Mie droplets. General weights have no cameras of their own.
+    /// Other options replace values
+    #[arg(long, value_name = "WEIGHTS")]
+    like: Option<PathBuf>,
+    /// Altitude of the point that the cameras are pointed at (km) [default: that of the centre of the
+    /// cloud's grid]
+    #[arg(long, value_name = "KM", allow_negative_numbers = true)]
+    target_altitude: Option<f64>,
+    /// Interpolate the extinction linearly between the centres of voxels; by default it is constant
+    /// in each voxel
+    #[arg(long)]
+    trilinear: bool,
     /// Radiative transfer solver
     #[arg(long, value_enum, default_value_t = Method::MonteCarlo)]
     solver: Method,
@@ -85,6 +102,8 @@ pub(crate) struct Args {
     #[arg(long, value_name = "I.png")]
     png: Option<PathBuf>,
     #[command(flatten)]
+    form: Form,
+    #[command(flatten)]
     light: LightFlags,
 }
 
@@ -104,7 +123,9 @@ const SAMPLES: u32 = 1024;
 const MOST_SAMPLES: u32 = 1 << 24;
 
 pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
-    let light = args.light.describe(&args.set)?;
+    let template = args.like.as_ref().map(load_trained_weights).transpose()?;
+    let base = template.as_ref().map_or_else(|| Ok(Light::default()), trained_light)?;
+    let light = base.with_values(&args.light.values(&args.set)?)?;
     for out in [Some(&args.out), args.exr.as_ref(), args.png.as_ref()].into_iter().flatten() {
         check_output(out)?;
     }
@@ -113,7 +134,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
     if matches!(args.solver, Method::Ordinates) {
         warn_of_neglected(&light);
     }
-    let list = ViewList::find(&args.views)?;
+    let list = args.views(template.as_ref())?;
     let (cloud, warnings) = match args.allow_implausible {
         true => read_implausible_cloud(&args.cloud)?,
         false => (read_cloud(&args.cloud)?, Vec::new()),
@@ -127,20 +148,42 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
     if wavelengths.is_empty() {
         wavelengths.push(light.wavelength);
     }
+    let mut summaries = Vec::new();
     for &wavelength in &wavelengths {
         let key = "wavelength".to_owned();
         let light = light.with_values(&[(key, toml::Value::Float(wavelength))].into())?;
-        let scene = light.scene(&cloud).map_err(Error::in_file(&args.cloud))?;
+        let scene = light.scene(&cloud);
+        let scene = scene.and_then(|scene| match args.trilinear {
+            true => scene.with_trilinear_extinction(),
+            false => Ok(scene),
+        });
+        let scene = scene.map_err(Error::in_file(&args.cloud))?;
         let light = light.recorded(&cloud);
         let name = |path: &Path| match wavelengths.len() {
             1 => path.to_owned(),
             _ => with_wavelength(path, wavelength),
         };
-        if args.image(global, &light, &scene, views.clone(), &name)? {
-            return Ok(Outcome::Interrupted);
+        let summary = args.image(global, &light, &scene, views.clone(), &name)?;
+        let interrupted = summary.interrupted;
+        summaries.push(summary);
+        if interrupted {
+            break;
         }
     }
-    Ok(Outcome::Success)
+    args.form.print_all(&summaries, global);
+    let interrupted = summaries.iter().any(|summary| summary.interrupted);
+    Ok(if interrupted { Outcome::Interrupted } else { Outcome::Success })
+}
+
+/// The illumination that weights were trained for.
+fn trained_light(weights: &TrainedWeights) -> Result<Light> {
+    let mut light = Light::realistic();
+    if let TrainedWeights::Formation(Weights { metadata, .. }) = weights {
+        let geometry = &metadata.view_geometry;
+        light.sun = Sun::from_degrees(geometry.sun_zenith_deg, geometry.sun_azimuth_deg)?;
+        light.wavelength = metadata.wavelength_um;
+    }
+    Ok(light)
 }
 
 /// Inserts a wavelength (um) before the extension of a file name.
@@ -155,6 +198,34 @@ fn with_wavelength(path: &Path, wavelength: f64) -> PathBuf {
 }
 
 impl Args {
+    /// The cameras: those of `--views`, or else of the weights of `--like`.
+    fn views(&self, template: Option<&TrainedWeights>) -> Result<ViewList> {
+        let trained = match template {
+            Some(TrainedWeights::Formation(Weights { metadata, .. })) => Some(metadata),
+            _ => None,
+        };
+        let list = match (&self.views, trained) {
+            (Some(views), _) => ViewList::find(views)?,
+            // Weights of the first versions do not state the distances of the cameras.
+            (None, Some(metadata)) => ViewList::of_geometry(&metadata.view_geometry)
+                .or_else(|_| ViewList::find(&metadata.formation))?,
+            (None, None) => {
+                let remedy = "give the cameras with --views";
+                return Err(Error::mismatch(
+                    "--like",
+                    "weights of one formation",
+                    "general weights, which are for any cameras",
+                    remedy,
+                ));
+            }
+        };
+        let altitude = self.target_altitude.or(trained.map(|metadata| metadata.target_altitude_km));
+        Ok(match altitude {
+            Some(altitude) => list.with_target_altitude(altitude),
+            None => list,
+        })
+    }
+
     /// Returns an error if an option does not apply to the chosen solver.
     fn check_solver(&self) -> Result<()> {
         let of_paths = [
@@ -188,7 +259,7 @@ impl Args {
         Ok(OrdinatesSettings { estimate_error: true, ..settings })
     }
 
-    /// Renders one scene and writes its files. Returns whether the user interrupted the rendering.
+    /// Renders one scene and writes its files.
     fn image(
         &self,
         global: &Global,
@@ -196,7 +267,7 @@ impl Args {
         scene: &Scene,
         views: Vec<View>,
         name: &dyn Fn(&Path) -> PathBuf,
-    ) -> Result<bool> {
+    ) -> Result<Summary> {
         let rendering = self.render(global, scene, &views)?;
         let provenance = self.provenance(global, light, &rendering);
         let samples = rendering.samples_per_pixel;
@@ -222,25 +293,20 @@ impl Args {
         if rendering.interrupted {
             note!("deepct: stopped early: the images have {samples} photon paths per pixel");
         }
-        if !global.quiet {
-            let [views, rows, cols] = observation.images.shape();
-            let by = match self.solver {
-                Method::MonteCarlo => format!("{samples} photon paths per pixel"),
-                Method::Ordinates => "by discrete ordinates".to_owned(),
-            };
-            say!("{views} views of {rows} x {cols} pixels, {by}");
-            say!("brightest  {:.5} sr-1", observation.images.brightest());
-            if let Some(error) = estimated_error {
-                say!("error      {:.1} % of bright pixels, estimated", 100.0 * error);
-            }
-            if let Some(noise) = noise {
-                say!("noise      {:.2} % of bright pixels", 100.0 * noise);
-            }
-        }
-        if let Some(photons) = self.fluxes.filter(|_| !rendering.interrupted) {
-            print_fluxes(&fluxes(scene, FluxSettings { photons, seed: global.seed })?);
-        }
-        Ok(rendering.interrupted)
+        let flux_settings = |photons| FluxSettings { photons, seed: global.seed };
+        let photons = self.fluxes.filter(|_| !observation.incomplete);
+        let fluxes = photons.map(|photons| fluxes(scene, flux_settings(photons))).transpose()?;
+        Ok(Summary {
+            out,
+            shape: observation.images.shape(),
+            solver: self.solver.name(),
+            samples_per_pixel: samples,
+            brightest: observation.images.brightest(),
+            estimated_error,
+            noise,
+            interrupted: observation.incomplete,
+            fluxes: fluxes.map(|fluxes| shares(&fluxes)),
+        })
     }
 
     fn render(&self, global: &Global, scene: &Scene, views: &[View]) -> Result<Rendering> {
@@ -258,10 +324,48 @@ impl Args {
     }
 }
 
-/// Prints one row per fraction of the incident light, with its standard error.
-fn print_fluxes(fluxes: &Fluxes) {
-    say!("light on top of the grid     fraction    error");
-    for (what, share) in [
+impl Method {
+    fn name(self) -> &'static str {
+        match self {
+            Self::MonteCarlo => "monte-carlo",
+            Self::Ordinates => "ordinates",
+        }
+    }
+}
+
+/// What is printed about images.
+#[derive(Debug, Serialize)]
+struct Summary {
+    out: PathBuf,
+    /// Number of views, rows and columns.
+    shape: [usize; 3],
+    solver: &'static str,
+    /// 0 for the deterministic solver.
+    samples_per_pixel: u32,
+    /// Largest radiance (1/sr for a solar irradiance of 1).
+    brightest: f32,
+    /// Of the bright pixels, by the deterministic solver.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    estimated_error: Option<f64>,
+    /// Of the bright pixels, by photon paths.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    noise: Option<f64>,
+    interrupted: bool,
+    /// Fractions of the light on top of the grid.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    fluxes: Option<Vec<Share>>,
+}
+
+/// A fraction of the incident light, with its standard error.
+#[derive(Debug, Serialize)]
+struct Share {
+    what: &'static str,
+    fraction: f64,
+    standard_error: f64,
+}
+
+fn shares(fluxes: &Fluxes) -> Vec<Share> {
+    let shares = [
         ("leaves through the top", fluxes.reflected),
         ("leaves through the bottom", fluxes.transmitted),
         ("leaves through the sides", fluxes.sides),
@@ -269,16 +373,51 @@ fn print_fluxes(fluxes: &Fluxes) {
         ("finally in space", fluxes.upward),
         ("finally in the surface", fluxes.downward),
         ("unscattered at the surface", fluxes.unscattered),
-    ] {
-        say!("{what:<26}  {:9.6}  {:.6}", share.mean, share.standard_error);
+    ];
+    let row = |(what, share): (_, deepct_core::transport::Share)| Share {
+        what,
+        fraction: share.mean,
+        standard_error: share.standard_error,
+    };
+    shares.into_iter().map(row).collect()
+}
+
+impl summary::Summary for Summary {
+    fn say(&self) {
+        let [views, rows, cols] = self.shape;
+        let by = match self.samples_per_pixel {
+            0 => "by discrete ordinates".to_owned(),
+            samples => format!("{samples} photon paths per pixel"),
+        };
+        let plural = if views == 1 { "" } else { "s" };
+        say!("{views} view{plural} of {rows} x {cols} pixels, {by}");
+        say!("brightest  {:.5} sr-1", self.brightest);
+        if let Some(error) = self.estimated_error {
+            say!("error      {:.1} % of bright pixels, estimated", 100.0 * error);
+        }
+        if let Some(noise) = self.noise {
+            say!("noise      {:.2} % of bright pixels", 100.0 * noise);
+        }
+        let Some(fluxes) = &self.fluxes else { return };
+        say!("light on top of the grid     fraction    error");
+        for Share { what, fraction, standard_error } in fluxes {
+            say!("{what:<26}  {fraction:9.6}  {standard_error:.6}");
+        }
     }
 }
 
 /// Parameters of the run, recorded in the output file.
-#[derive(Debug, serde::Serialize)]
+#[derive(Debug, Serialize)]
 struct Resolved<'a> {
     cloud: &'a Path,
-    views: &'a str,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    views: Option<&'a str>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    like: Option<&'a Path>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    target_altitude: Option<f64>,
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    trilinear: bool,
     solver: &'a str,
     /// Photon paths per pixel in the images; 0 for the deterministic solver.
     samples: u32,
@@ -298,11 +437,11 @@ impl Args {
     fn provenance(&self, global: &Global, light: &Light, rendering: &Rendering) -> Provenance {
         let resolved = Resolved {
             cloud: &self.cloud,
-            views: &self.views,
-            solver: match self.solver {
-                Method::MonteCarlo => "monte-carlo",
-                Method::Ordinates => "ordinates",
-            },
+            views: self.views.as_deref(),
+            like: self.like.as_deref(),
+            target_altitude: self.target_altitude,
+            trilinear: self.trilinear,
+            solver: self.solver.name(),
             samples: rendering.samples_per_pixel,
             noise: self.noise,
             estimated_error: rendering.estimated_error,

@@ -3,6 +3,7 @@
 use crate::config::{Values, flattened, single};
 use crate::global::Global;
 use crate::outcome::Outcome;
+use crate::summary::print_json;
 use deepct_core::grid::Volume;
 use deepct_core::io::{read_cloud, read_light, read_mask};
 use deepct_core::metrics::{MaskScores, Scores, check_truth, score, score_mask};
@@ -66,7 +67,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
         .map(|file| score_file(&truth, file, &light))
         .collect::<Result<Vec<_>>>()?;
     if args.json {
-        say!("{}", serde_json::to_string_pretty(&rows).expect("scores are plain numbers"));
+        print_json(&rows);
         return Ok(Outcome::Success);
     }
     print_table(&rows);

@@ -2,6 +2,7 @@
 
 use crate::global::Global;
 use crate::outcome::Outcome;
+use crate::summary::{self, Form};
 use deepct_core::files::check_output;
 use deepct_core::io::{Provenance, read_observation, write_observation};
 use deepct_core::sensor::{Exposure, Scale, Sensor, expose};
@@ -24,6 +25,8 @@ pub(crate) struct Args {
     /// File of noisy images to write
     #[arg(long, value_name = "N.nc")]
     out: PathBuf,
+    #[command(flatten)]
+    form: Form,
 }
 
 pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
@@ -44,14 +47,34 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
         seed: global.seed,
     };
     write_observation(&args.out, &observation, &provenance)?;
-    if !global.quiet {
-        say!("{electrons_per_radiance:.6e} electrons for a radiance of 1/sr");
-        let marks = observation.saturated.iter().flatten();
-        let saturated = marks.filter(|saturated| **saturated).count();
-        let share = 100.0 * saturated as f64 / observation.images.values.len() as f64;
-        say!("{saturated} pixels are saturated ({share:.2} %)");
-    }
+    let marks = observation.saturated.iter().flatten();
+    let summary = Summary {
+        out: &args.out,
+        electrons_per_radiance,
+        saturated_pixels: marks.filter(|saturated| **saturated).count(),
+        pixels: observation.images.values.len(),
+    };
+    args.form.print(&summary, global);
     Ok(Outcome::Success)
+}
+
+/// What is printed about noisy images.
+#[derive(Debug, serde::Serialize)]
+struct Summary<'a> {
+    out: &'a Path,
+    electrons_per_radiance: f64,
+    saturated_pixels: usize,
+    /// Number of pixels of all images.
+    pixels: usize,
+}
+
+impl summary::Summary for Summary<'_> {
+    fn say(&self) {
+        let Self { electrons_per_radiance, saturated_pixels, pixels, .. } = *self;
+        let share = 100.0 * saturated_pixels as f64 / pixels as f64;
+        say!("{electrons_per_radiance:.6e} electrons for a radiance of 1/sr");
+        say!("{saturated_pixels} pixels are saturated ({share:.2} %)");
+    }
 }
 
 /// Parameters of the run, recorded in the output file.

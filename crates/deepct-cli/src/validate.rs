@@ -2,6 +2,7 @@
 
 use crate::global::Global;
 use crate::outcome::Outcome;
+use crate::summary::print_json;
 use deepct_core::validation::{Effort, Row, Suite, validate};
 use deepct_core::{Error, Result};
 use std::path::PathBuf;
@@ -97,7 +98,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
     }
     let failed = rows.iter().filter(|row| !row.passed).count();
     if args.json {
-        say!("{}", serde_json::to_string_pretty(&rows).expect("plain numbers and text"));
+        print_json(&rows);
     } else {
         let skipped = args.suite == Choice::All && args.reference.is_none();
         let note = if skipped { "; suite rico skipped, as it requires --reference" } else { "" };

@@ -1,6 +1,7 @@
 //! `deepct weights`: inspection of network weights.
 
 use crate::outcome::Outcome;
+use crate::summary::print_json;
 use deepct_core::Result;
 use deepct_core::io::load_trained_weights;
 use deepct_core::network::{
@@ -69,7 +70,7 @@ pub(crate) fn run(args: &Args) -> Result<Outcome> {
 
 fn print<M: serde::Serialize>(report: &Report<M>, json: bool, as_text: fn(&Report<M>)) {
     if json {
-        say!("{}", serde_json::to_string_pretty(report).expect("plain numbers and text"));
+        print_json(report);
     } else {
         as_text(report);
     }

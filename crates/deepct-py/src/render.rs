@@ -224,8 +224,7 @@ pub(crate) fn render<'py>(
     let (rendering, light) = at_length(py, &progress, move |watch| {
         let mut scene = light.scene(&cloud)?;
         if trilinear {
-            check_edges(&scene.medium.extinction.values, light.boundary)?;
-            scene.medium.interpolation = Interpolation::Trilinear;
+            scene = scene.with_trilinear_extinction()?;
         }
         Ok((transport::render(&scene, &shown, &solver, watch)?, light.recorded(&cloud)))
     })?;
@@ -279,19 +278,4 @@ fn views_of(views: &Bound<'_, PyAny>, cloud: &cloud::Cloud) -> PyResult<Vec<scen
         return Ok(Views::find(&name, cloud.grid.center(), [rows, cols])?.0);
     }
     Ok(views.extract::<ViewSequence>()?.0)
-}
-
-/// Returns an error for a trilinear medium whose outermost voxels are not clear: it ends at their
-/// centres, so that half of them would be lost.
-fn check_edges(extinction: &Array3<f32>, boundary: Boundary) -> Result<()> {
-    let axes: &[usize] = if boundary == Boundary::Periodic { &[0] } else { &[0, 1, 2] };
-    let outermost = axes.iter().flat_map(|&axis| {
-        let axis = Axis(axis);
-        [0, extinction.len_of(axis) - 1].map(|index| extinction.index_axis(axis, index))
-    });
-    if outermost.flatten().all(|value| *value == 0.0) {
-        return Ok(());
-    }
-    let range = "0, as a trilinear medium ends at their centres: surround it by clear voxels";
-    Err(Error::out_of_range("extinction in the outermost voxels", "not 0", range))
 }

@@ -57,8 +57,9 @@ fn a_data_set_knows_its_simulation_and_its_samples() {
     let sample = samples.map(|entry| entry.unwrap().path()).next().unwrap();
     let whole = std::fs::read(&sample).unwrap();
     std::fs::write(&sample, &whole[..whole.len() / 2]).unwrap();
-    let made = program.succeed(generate);
-    assert!(made.starts_with("2 samples, 1 of them made now"), "{made}");
+    let made = program.succeed(&format!("{generate} --json"));
+    let made: serde_json::Value = serde_json::from_str(&made).unwrap();
+    assert!(made["samples"] == 2 && made["made"] == 1, "{made}");
     assert!(std::fs::read(&sample).unwrap() == whole);
 }
 

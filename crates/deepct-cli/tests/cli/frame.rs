@@ -30,8 +30,16 @@ fn there_is_a_manual_page_for_every_verb_and_a_completion_for_every_shell() {
     program.succeed("man --out pages");
     for verb in verbs(&program).iter().filter(|verb| *verb != "help") {
         let page = std::fs::read_to_string(program.path(&format!("pages/deepct-{verb}.1")));
-        assert!(page.unwrap().contains(".SH SYNOPSIS"), "{verb}");
+        let page = page.unwrap();
+        for section in ["SYNOPSIS", "\"EXIT STATUS\"", "\"SEE ALSO\""] {
+            assert!(page.contains(&format!(".SH {section}\n")), "{verb}: {page}");
+        }
     }
+    let one = program.succeed("man cloud import");
+    let same = std::fs::read_to_string(program.path("pages/deepct-cloud-import.1")).unwrap();
+    assert_eq!(one, same);
+    assert!(one.contains("deepct cloud import LES.nc") && one.contains("fBdeepct\\-cloud\\fR(1)"));
+    program.refuse("man cloud nothing", &["nothing", "generate, import"]);
     for shell in ["bash", "fish", "zsh"] {
         assert!(program.succeed(&format!("completions {shell}")).contains("render"));
     }
@@ -52,4 +60,25 @@ fn settings_are_printed_by_verb() {
     assert!(run.code == 2 && run.stderr.contains("cloud-cumulus"), "{}", run.stderr);
     let wrong = "cloud generate --set widht_km=1 --out c.nc";
     program.refuse(wrong, &["widht_km", "deepct config cloud-cumulus"]);
+}
+
+/// A file of another program is replaced only if the user insists; one of deepct is.
+#[test]
+fn files_of_other_programs_are_not_replaced() {
+    let program = Program::new();
+    program.succeed("cloud generate --out C.nc");
+    program.succeed("cloud generate --seed 2 --out C.nc");
+    for (name, command) in [
+        ("letter.nc", "cloud generate --out letter.nc"),
+        ("letter.png", "plot C.nc --out letter.png"),
+        ("letter.vti", "convert C.nc letter.vti"),
+    ] {
+        std::fs::write(program.path(name), "Dear colleague,").unwrap();
+        program.refuse(command, &[name, "not a file that deepct wrote", "--force"]);
+        assert_eq!(std::fs::read_to_string(program.path(name)).unwrap(), "Dear colleague,");
+        program.succeed(&format!("{command} --force"));
+        program.succeed(command);
+    }
+    program.refuse("cloud generate --out -", &["standard output", "name a file"]);
+    assert!(!program.path("-").exists());
 }

@@ -205,3 +205,87 @@ fn air_and_waves_add_light_and_more_of_it_in_the_blue() {
     refuse("--solar-irradiance -1", &["solar_irradiance"]);
     refuse("--air --wavelength 9", &["wavelength", "9"]);
 }
+
+/// Images like those of the training of a network have its cameras, altitude, Sun and illumination,
+/// so that the network takes them; other options replace them.
+#[test]
+fn images_are_like_those_of_a_network() {
+    let program = Program::new();
+    program.succeed("cloud generate --set width_km=0.4 --out C.nc");
+    let command = "render C.nc --like cloudct-10 --solver ordinates --accuracy 0.1";
+    program.succeed(&format!("{command} --out I.nc"));
+    let images = read_observation(program.path("I.nc")).unwrap();
+    assert!(images.light.air && (images.views[0].target.z - 1.12).abs() < 1e-9);
+    program.succeed("infer I.nc --weights cloudct-10 --out V.nc");
+    program
+        .succeed(&format!("{command} --out J.nc --target-altitude 1 --sun-zenith 20 --air=false"));
+    let other = read_observation(program.path("J.nc")).unwrap();
+    assert!(!other.light.air && (other.views[0].target.z - 1.0).abs() < 1e-9);
+    assert!((other.geometry().sun_zenith_deg - 20.0).abs() < 1e-9);
+    assert_eq!(other.geometry().sun_azimuth_deg, images.geometry().sun_azimuth_deg);
+    let general = "render C.nc --like general --samples 2 --out I.nc";
+    program.refuse(general, &["general", "--views"]);
+    program.succeed(&format!("{general} --views cloudct-10"));
+    assert!(read_observation(program.path("I.nc")).unwrap().light.air);
+    program.refuse("render C.nc --like C.nc --out I.nc", &["C.nc", "weights"]);
+    program.refuse(&format!("{general} --views cloudct-10 --target-altitude nan"), &["altitude"]);
+}
+
+/// A trilinear block has the optical depth of one that is constant in voxels, but wider sides.
+#[test]
+fn an_extinction_may_be_trilinear() {
+    let program = Program::new();
+    let grid = Grid::new(DVec3::new(0.0, 0.0, 0.6), DVec3::splat(0.05), [5, 7, 7]).unwrap();
+    let write = |name: &str, inside: fn(usize) -> bool| {
+        let value = |(k, j, i): (usize, usize, usize)| {
+            if inside(k) && (2..5).contains(&j) && (2..5).contains(&i) { 4.0 } else { 0.0 }
+        };
+        let extinction = Volume::new(grid, Array3::from_shape_fn(grid.shape, value)).unwrap();
+        let cloud = Cloud::from_extinction(extinction).unwrap();
+        let provenance =
+            Provenance { title: "A test".into(), configuration: String::new(), seed: 0 };
+        write_cloud(program.path(name), &cloud, &provenance).unwrap();
+    };
+    write("C.nc", |level| (1..4).contains(&level));
+    write("top.nc", |level| level > 1);
+    let sum = |options: &str| {
+        let command =
+            format!("render C.nc --views cloudct-10 --samples 512 --surface-albedo 0 {options}");
+        program.succeed(&format!("{command} --out I.nc"));
+        read_observation(program.path("I.nc")).unwrap().images.image(5).to_owned()
+    };
+    let (constant, trilinear) = (sum(""), sum("--trilinear"));
+    // Multiple scattering is the only difference of the sums; beyond the sides of the voxels, only
+    // the trilinear block is seen.
+    assert!((trilinear.sum() / constant.sum() - 1.0).abs() < 0.06);
+    assert!(constant[[3, 1]] < 1e-3 * constant[[3, 3]]);
+    assert!(trilinear[[3, 1]] > 0.05 * trilinear[[3, 3]]);
+    program.refuse(
+        "render top.nc --views cloudct-10 --samples 1 --trilinear --out I.nc",
+        &["top.nc", "outermost voxels", "clear voxels"],
+    );
+}
+
+/// What is printed as rows is printed as JSON, too.
+#[test]
+fn results_are_printed_as_json() {
+    let program = Program::new();
+    cloud(&program, "C.nc");
+    let json = |command: &str| -> serde_json::Value {
+        serde_json::from_str(&program.succeed(&format!("{command} --json -q"))).unwrap()
+    };
+    let render = "render C.nc --views cloudct-10 --samples 64 --wavelength 0.55,0.67 --out I.nc";
+    let images = json(&format!("{render} --fluxes=1000"));
+    assert_eq!(images[1]["out"], "I-0.67um.nc");
+    assert_eq!(images[0]["shape"], serde_json::json!([10, 6, 7]));
+    assert!(images[0]["fluxes"][0]["fraction"].as_f64().unwrap() > 0.0);
+    let sensed = json("sense I-0.67um.nc --out N.nc");
+    let read = read_observation(program.path("N.nc")).unwrap();
+    let saturated = read.saturated.map_or(0, |marks| marks.iter().filter(|mark| **mark).count());
+    assert_eq!(sensed["saturated_pixels"], saturated);
+    let inverted = json("invert N.nc --grid C.nc --iterations 2 --truth C.nc --out V.nc");
+    assert_eq!(inverted["voxels"], 210);
+    assert!(inverted["relative_error"].as_f64().unwrap() < 1.0);
+    let resampled = json("regrid V.nc --like C.nc --out W.nc");
+    assert_eq!(resampled["extinction"], 1.0);
+}

@@ -20,9 +20,9 @@ pub use view_list::{VIEW_FILE_HELP, ViewList};
 use crate::error::{Error, Result};
 use crate::image::{ImagingGeometry, ViewGeometry, ViewStack};
 use crate::math::{DVec3, towards};
-use crate::optics::Medium;
 use crate::optics::air::Air;
-use ndarray::Array3;
+use crate::optics::{Interpolation, Medium};
+use ndarray::{Array3, Axis};
 
 /// Difference of two altitudes (km) that is due to rounding.
 const ROUNDING: f64 = 1e-9;
@@ -128,6 +128,27 @@ impl Scene {
     /// The same scene with the given lateral boundary condition.
     pub fn with_boundary(self, boundary: Boundary) -> Self {
         Self { boundary, ..self }
+    }
+
+    /// The same scene with an extinction that is linear between the centres of voxels.
+    ///
+    /// # Errors
+    /// Returns an error if the outermost voxels are not clear: a trilinear medium ends at their
+    /// centres, so that half of them would be lost. Those at periodic sides continue.
+    pub fn with_trilinear_extinction(mut self) -> Result<Self> {
+        let axes: &[usize] = if self.boundary == Boundary::Periodic { &[0] } else { &[0, 1, 2] };
+        let extinction = &self.medium.extinction.values;
+        let outermost = axes.iter().flat_map(|&axis| {
+            let axis = Axis(axis);
+            [0, extinction.len_of(axis) - 1].map(|index| extinction.index_axis(axis, index))
+        });
+        if outermost.flatten().any(|value| *value != 0.0) {
+            let range =
+                "0, as a trilinear medium ends at their centres: surround it by clear voxels";
+            return Err(Error::out_of_range("extinction in the outermost voxels", "not 0", range));
+        }
+        self.medium.interpolation = Interpolation::Trilinear;
+        Ok(self)
     }
 
     /// The same scene with a molecular atmosphere.

@@ -4,6 +4,7 @@ use super::formation::distance_on_sphere;
 use super::{Formation, View};
 use crate::error::{Error, Result};
 use crate::files;
+use crate::image::ViewGeometry;
 use crate::math::{DVec3, towards};
 use serde::Deserialize;
 use std::path::Path;
@@ -45,6 +46,8 @@ const HIGHEST_TARGET: f64 = 100.0;
 #[derive(Debug, Clone, PartialEq)]
 pub struct ViewList {
     target: Option<DVec3>,
+    /// Altitude of the target (km), if the list does not specify its position.
+    target_altitude: Option<f64>,
     image_size: Option<[usize; 2]>,
     cameras: Cameras,
 }
@@ -53,6 +56,8 @@ pub struct ViewList {
 enum Cameras {
     Formation(Formation),
     Single(Vec<Camera>),
+    /// The angles, pixel sizes and distances at the target.
+    AtTarget(ViewGeometry),
 }
 
 /// The content of a file of views; see [`VIEW_FILE_HELP`].
@@ -98,7 +103,7 @@ impl ViewList {
     pub fn find(name: &str) -> Result<Self> {
         if let Some(formation) = Formation::preset(name) {
             let cameras = Cameras::Formation(formation);
-            return Ok(Self { target: None, image_size: None, cameras });
+            return Ok(Self::new(cameras));
         }
         let path = Path::new(name);
         if !path.exists() {
@@ -135,7 +140,32 @@ impl ViewList {
             (None, true) => return Err("has neither [string_of_pearls] nor [[view]]".into()),
         };
         let target = file.target_km.map(DVec3::from_array);
-        Ok(Self { target, image_size: file.image_size, cameras })
+        Ok(Self { target, image_size: file.image_size, ..Self::new(cameras) })
+    }
+
+    fn new(cameras: Cameras) -> Self {
+        Self { target: None, target_altitude: None, image_size: None, cameras }
+    }
+
+    /// The cameras of a geometry in numbers, as that of the training of a network.
+    ///
+    /// # Errors
+    /// Returns an error if the geometry does not state the distances of the cameras.
+    pub fn of_geometry(geometry: &ViewGeometry) -> Result<Self> {
+        let (views, found) = (geometry.pixel_km.len(), geometry.camera_distance_km.len());
+        if found != views {
+            let remedy = "give the cameras by their formation or a file";
+            return Err(Error::mismatch("number of camera distances", views, found, remedy));
+        }
+        Ok(Self::new(Cameras::AtTarget(geometry.clone())))
+    }
+
+    /// The same cameras, pointed at the altitude `altitude` (km) in the middle of the scene unless
+    /// the list specifies the whole target.
+    #[must_use]
+    pub fn with_target_altitude(self, altitude: f64) -> Self {
+        let target = self.target.map(|target| DVec3 { z: altitude, ..target });
+        Self { target, target_altitude: Some(altitude), ..self }
     }
 
     /// The views of `target` (km) with images of `[rows, cols]` pixels. A target or image size
@@ -144,15 +174,40 @@ impl ViewList {
     /// # Errors
     /// Returns an error if a number is out of range.
     pub fn views(&self, target: DVec3, image_size: [usize; 2]) -> Result<Vec<View>> {
-        let target = self.target.unwrap_or(target);
+        let altitude = self.target_altitude.unwrap_or(target.z);
+        if !altitude.is_finite() || altitude.abs() > HIGHEST_TARGET {
+            let range = format!("within {HIGHEST_TARGET} km of the sea level");
+            return Err(Error::out_of_range("altitude of the target (km)", altitude, range));
+        }
+        let target = self.target.unwrap_or(DVec3 { z: altitude, ..target });
         let size = self.image_size.unwrap_or(image_size);
         match &self.cameras {
             Cameras::Formation(formation) => formation.views(target, size),
             Cameras::Single(cameras) => {
                 cameras.iter().map(|camera| camera.view(target, size)).collect()
             }
+            Cameras::AtTarget(geometry) => views_at_target(geometry, target, size),
         }
     }
+}
+
+/// The views of `target` (km) with the angles, pixel sizes and distances that they have there.
+fn views_at_target(geometry: &ViewGeometry, target: DVec3, size: [usize; 2]) -> Result<Vec<View>> {
+    let angles = geometry.view_zenith_deg.iter().zip(&geometry.view_azimuth_deg);
+    let sizes = geometry.pixel_km.iter().zip(&geometry.camera_distance_km);
+    angles
+        .zip(sizes)
+        .map(|((zenith, azimuth), (&pixel_km, distance))| {
+            let towards = towards(zenith.to_radians(), azimuth.to_radians());
+            match distance {
+                None => View::orthographic(towards, target, pixel_km, size),
+                Some(distance) => {
+                    let position = target + *distance * towards;
+                    View::perspective(position, target, pixel_km / distance, size)
+                }
+            }
+        })
+        .collect()
 }
 
 impl StringOfPearls {
@@ -225,6 +280,29 @@ mod tests {
         let list = ViewList::parse(&example("[string_of_pearls]  ", "[[view]]  ")).unwrap();
         let pearls = Formation::string_of_pearls(600.0, 100.0, -16..=15).unwrap();
         assert_eq!(list.views(TARGET, [32, 32]).unwrap(), pearls.views(TARGET, [32, 32]).unwrap());
+    }
+
+    /// Images of the cameras of a geometry have this geometry.
+    #[test]
+    fn a_geometry_gives_its_views() {
+        let whole = example("[[view]]  ", "Optional");
+        let views = ViewList::parse(&whole).unwrap().views(TARGET, [8, 9]).unwrap();
+        let geometry = crate::scene::view_geometry(&crate::scene::Sun::default(), &views);
+        let list = ViewList::of_geometry(&geometry).unwrap().with_target_altitude(0.7);
+        let again = list.views(TARGET, [8, 9]).unwrap();
+        assert!(again.iter().all(|view| view.target == DVec3 { z: 0.7, ..TARGET }));
+        for (one, other) in views.iter().zip(&again) {
+            assert!((one.zenith() - other.zenith()).abs() < 1e-9);
+            assert!((one.azimuth() - other.azimuth()).abs() < 1e-9);
+            assert!((one.pixel_km() / other.pixel_km() - 1.0).abs() < 1e-12);
+            let distances = [one.distance_km(), other.distance_km()].map(|km| km.unwrap_or(0.0));
+            assert!((distances[0] - distances[1]).abs() < 1e-9);
+        }
+        let near = ViewGeometry { camera_distance_km: Vec::new(), ..geometry };
+        assert!(ViewList::of_geometry(&near).is_err());
+        for altitude in [f64::NAN, 1e3] {
+            assert!(list.clone().with_target_altitude(altitude).views(TARGET, [8, 9]).is_err());
+        }
     }
 
     #[test]

@@ -56,6 +56,8 @@ pub struct Provenance {
     pub seed: u64,
 }
 
+/// The attribute of all files that deepct writes.
+const VERSION: &str = "deepct_version";
 /// The attribute of a file whose computation was interrupted.
 const INCOMPLETE: &str = "incomplete";
 
@@ -67,6 +69,12 @@ pub fn incomplete(path: impl AsRef<Path>) -> Option<String> {
         return None;
     }
     Input::open(path).ok()?.text(INCOMPLETE)
+}
+
+/// Whether a file was written by deepct, or changed by another program afterwards.
+pub fn is_own_file(path: impl AsRef<Path>) -> bool {
+    let path = path.as_ref();
+    is_hdf5(path) && Input::open(path).is_ok_and(|input| input.text(VERSION).is_some())
 }
 
 /// The reason of a failure in the words of HDF5: that of the operating system where there is one,

@@ -1,7 +1,7 @@
 //! Writing of netCDF-4 files: variables on named dimensions. A file has a temporary name until it
 //! is complete.
 
-use super::{INCOMPLETE, Provenance, creation, dimension, reason};
+use super::{INCOMPLETE, Provenance, VERSION, creation, dimension, reason};
 use crate::error::{Error, Result};
 use hdf5::types::{FloatSize, OwnedDynValue, TypeDescriptor};
 use hdf5::{Dataset, DatasetBuilder, H5Type, Location};
@@ -88,7 +88,7 @@ impl Output {
                 ("Conventions", Attribute::Text("CF-1.10")),
                 ("title", Attribute::Text(&provenance.title)),
                 ("source", Attribute::Text(&source)),
-                ("deepct_version", Attribute::Text(version)),
+                (VERSION, Attribute::Text(version)),
                 ("configuration", Attribute::Text(&provenance.configuration)),
                 ("seed", seed),
             ],
