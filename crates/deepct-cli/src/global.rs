@@ -28,7 +28,7 @@ pub(crate) struct Global {
     /// the range of its training
     #[arg(long, global = true)]
     pub(crate) force: bool,
-    /// Print errors only
+    /// Print errors and warnings only
     #[arg(short, long, global = true)]
     pub(crate) quiet: bool,
     /// Print more detail; may be repeated

@@ -6,6 +6,7 @@ use crate::error::{Error, Result};
 use crate::math::DVec3;
 use crate::memory;
 use ndarray::Array3;
+use std::ops::Range;
 
 /// The largest number of voxels of a grid: it protects against files whose header declares more
 /// memory than a computer has.
@@ -37,9 +38,19 @@ impl Grid {
     /// Creates a grid from its corner (km), voxel size (km) and shape `[nz, ny, nx]`.
     ///
     /// # Errors
-    /// A spacing that is not positive and finite, an origin that is not finite, an
-    /// empty axis, or more than [`MAX_VOXELS`] voxels.
+    /// As [`Grid::of_any_size`]; more than [`MAX_VOXELS`] voxels, or more than fit in memory.
     pub fn new(origin: DVec3, spacing: DVec3, shape: [usize; 3]) -> Result<Self> {
+        let grid = Self::of_any_size(origin, spacing, shape)?;
+        grid.check_memory()?;
+        Ok(grid)
+    }
+
+    /// As [`Grid::new`], for fields that are computed in parts and never in memory as a whole.
+    ///
+    /// # Errors
+    /// A spacing that is not positive and finite, an origin that is not finite, an empty axis, or more
+    /// voxels than can be counted.
+    pub fn of_any_size(origin: DVec3, spacing: DVec3, shape: [usize; 3]) -> Result<Self> {
         if !origin.is_finite() {
             return Err(Error::out_of_range("grid origin", origin, "finite (km)"));
         }
@@ -47,16 +58,52 @@ impl Grid {
             return Err(Error::out_of_range("grid spacing", spacing, "positive and finite (km)"));
         }
         let voxels = shape.iter().try_fold(1_usize, |product, &n| product.checked_mul(n));
-        if !voxels.is_some_and(|n| (1..=MAX_VOXELS).contains(&n)) {
-            return Err(Error::out_of_range(
-                "grid shape",
-                format!("{shape:?}"),
-                format!("at least 1 along every axis and at most {MAX_VOXELS} voxels in all"),
-            ));
+        if voxels.is_none_or(|n| n == 0) {
+            return Err(wrong_shape(shape));
+        }
+        Ok(Self { origin, spacing, shape })
+    }
+
+    /// Returns an error if fields on this grid are larger than the memory.
+    ///
+    /// # Errors
+    /// More than [`MAX_VOXELS`] voxels, or more than fit in memory.
+    pub fn check_memory(&self) -> Result<()> {
+        if self.len() > MAX_VOXELS {
+            return Err(wrong_shape(self.shape));
         }
         // A volume of the extinction and some more of the same size.
-        memory::check("memory for the grid", voxels.unwrap_or(0) as f64, 16.0)?;
-        Ok(Self { origin, spacing, shape })
+        memory::check("memory for the grid", self.len() as f64, 16.0)
+    }
+
+    /// The part of the grid that consists of some of its rows and columns.
+    ///
+    /// # Errors
+    /// A range that is empty or not in the grid.
+    pub fn part(&self, rows: Range<usize>, cols: Range<usize>) -> Result<Self> {
+        let [levels, all_rows, all_cols] = self.shape;
+        let inside = |range: &Range<usize>, all| !range.is_empty() && range.end <= all;
+        if !inside(&rows, all_rows) || !inside(&cols, all_cols) {
+            let range = format!("within {all_rows} rows and {all_cols} columns, and not empty");
+            return Err(Error::out_of_range(
+                "part of a grid",
+                format!("{rows:?}, {cols:?}"),
+                range,
+            ));
+        }
+        let offset = DVec3::new(cols.start as f64, rows.start as f64, 0.0);
+        let shape = [levels, rows.len(), cols.len()];
+        Ok(Self { origin: self.origin + offset * self.spacing, shape, ..*self })
+    }
+
+    /// Divides the grid into tiles of at most `side` rows and columns, from the south-west; each is
+    /// given by its rows and columns.
+    pub fn tiles(&self, side: usize) -> Vec<[Range<usize>; 2]> {
+        let [_, rows, cols] = self.shape;
+        let side = side.max(1);
+        let pieces =
+            |all: usize| (0..all.div_ceil(side)).map(move |n| n * side..((n + 1) * side).min(all));
+        pieces(rows).flat_map(|rows| pieces(cols).map(move |cols| [rows.clone(), cols])).collect()
     }
 
     /// The south-west-bottom corner of the grid (km).
@@ -145,6 +192,11 @@ impl Grid {
             "give an array on the grid's own shape",
         ))
     }
+}
+
+fn wrong_shape(shape: [usize; 3]) -> Error {
+    let range = format!("at least 1 along every axis and at most {MAX_VOXELS} voxels in all");
+    Error::out_of_range("grid shape", format!("{shape:?}"), range)
 }
 
 /// A scalar field on a [`Grid`]: cell averages at cell centres, array `[z, y, x]`.

@@ -2,7 +2,7 @@
 
 use super::surface::{above_surface, surface_albedo};
 use super::unusual::{image_statistics, unusual_surface};
-use super::{Estimate, GeneralWeights, Network, Training, Unusual, Weights};
+use super::{Estimate, GeneralMetadata, GeneralWeights, Network, Training, Unusual, Weights};
 use crate::conv::Settings;
 use crate::error::{Error, Result};
 use crate::grid::{Grid, Volume};
@@ -123,6 +123,21 @@ impl Estimator {
                 Ok(grid)
             }
         }
+    }
+
+    /// Number of columns beyond a part of a grid whose images have an influence on the estimate there.
+    pub fn halo(&self, grid: &Grid) -> usize {
+        let (layers, voxels) = match &self.weights {
+            TrainedWeights::Formation(weights) => (weights.metadata.architecture.layers(), 1.0),
+            TrainedWeights::General(weights) => {
+                let GeneralMetadata { architecture, levels, .. } = &weights.metadata;
+                let covering = grid.extent().z / (levels.count as f64 * levels.height);
+                let narrow = grid.spacing.x.min(grid.spacing.y);
+                let widest = grid.spacing.x.max(grid.spacing.y).max(covering);
+                (architecture.layers, widest / narrow)
+            }
+        };
+        (layers as f64 * voxels).ceil() as usize
     }
 
     /// Estimates the extinction (1/km) of the cloud in `images` (radiance, in the unit of the solar

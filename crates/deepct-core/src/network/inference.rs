@@ -122,6 +122,7 @@ impl Network {
         geometry: &ImagingGeometry,
     ) -> Result<Estimate> {
         self.metadata.check_images(geometry)?;
+        grid.check_memory()?;
         let [views, rows, cols] = images.shape();
         if views != self.views() {
             let remedy = "give the images of the formation that the weights are for";

@@ -265,7 +265,7 @@ impl WeightsMetadata {
         let west = target[0] - 0.5 * dx * cols as f64;
         let south = target[1] - 0.5 * dy * rows as f64;
         let origin = DVec3::new(west, south, levels.bottom_km);
-        Grid::new(origin, DVec3::new(dx, dy, levels.spacing_km), [levels.count, rows, cols])
+        Grid::of_any_size(origin, DVec3::new(dx, dy, levels.spacing_km), [levels.count, rows, cols])
     }
 
     /// Compares the distances of the cameras, if the weights specify them.

@@ -14,7 +14,7 @@ pub use local::camera_from_ecef;
 pub use meeting::Meeting;
 pub use surface::{Surface, Waves};
 pub(crate) use view::Projector;
-pub use view::{Projection, View, target};
+pub use view::{Projection, View, pixels_that_show, target};
 pub use view_list::{VIEW_FILE_HELP, ViewList};
 
 use crate::error::{Error, Result};

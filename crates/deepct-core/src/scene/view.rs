@@ -4,6 +4,7 @@ use crate::error::{Error, Result};
 use crate::math::{DVec3, Ray, zenith_and_azimuth};
 use crate::memory;
 use glam::DVec2;
+use std::ops::Range;
 
 /// The projection of points of the scene onto the image.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -371,6 +372,33 @@ impl Projector {
             *pixel = DVec2::new(at(0), at(1)) * scale + self.middle;
         }
     }
+}
+
+/// The rows and columns of the images that show a box between two corners (km), the same for all
+/// views; `None` if no image shows it. The images are of one size.
+pub fn pixels_that_show(views: &[View], corners: [DVec3; 2]) -> Option<[Range<usize>; 2]> {
+    let first = views.first()?;
+    let size = [first.rows, first.cols].map(|pixels| pixels as f64);
+    let mut found = [[f64::INFINITY, f64::NEG_INFINITY]; 2];
+    for view in views {
+        for corner in 0..8 {
+            let of = |axis: usize| corners[corner >> axis & 1][axis];
+            let shown = match view.project(DVec3::new(of(0), of(1), of(2))) {
+                Some((row, col)) => [[row; 2], [col; 2]],
+                // A box that is partly behind a camera may be anywhere in its image.
+                None => size.map(|pixels| [0.0, pixels]),
+            };
+            for (ends, shown) in found.iter_mut().zip(shown) {
+                *ends = [ends[0].min(shown[0]), ends[1].max(shown[1])];
+            }
+        }
+    }
+    let range = |axis: usize| {
+        let [low, high] = found[axis].map(|pixel| pixel.clamp(0.0, size[axis]));
+        low.floor() as usize..high.ceil() as usize
+    };
+    let ranges = [range(0), range(1)];
+    ranges.iter().all(|range| !range.is_empty()).then_some(ranges)
 }
 
 /// The common target of all views (km): the mean of their targets.

@@ -10,6 +10,7 @@ use crate::io::plausible::{Checks, LARGEST_EXTINCTION};
 use crate::math::DVec3;
 use crate::network::Estimate;
 use crate::scene::Observation;
+use hdf5::Dataset;
 use ndarray::{Array2, Array3, ArrayD};
 use serde::Deserialize;
 use std::path::Path;
@@ -172,15 +173,75 @@ pub fn write_estimate(
     output.finish()
 }
 
+/// Returns an error for values that the readers refuse; some networks may estimate such values.
+fn check_extinction(volume: &Volume) -> Result<()> {
+    volume.check_non_negative("extinction")?;
+    match volume.values.iter().copied().find(|value| *value > LARGEST_EXTINCTION) {
+        None => Ok(()),
+        Some(most) => {
+            let range = "at most 10000 km-1: the images may be in another unit, or contain the code of \
+                         a missing value";
+            Err(Error::out_of_range("extinction", format!("{most:e} km-1"), range))
+        }
+    }
+}
+
+/// A file of an estimate that is written tile by tile, for fields that are larger than the memory.
+pub struct EstimateFile {
+    output: Output,
+    extinction: Dataset,
+    uncertainty: Option<Dataset>,
+}
+
+impl EstimateFile {
+    /// Create the file of an estimate on `grid`, as [`write_estimate`].
+    ///
+    /// # Errors
+    /// Returns an error if the file cannot be written.
+    pub fn create(
+        path: impl AsRef<Path>,
+        grid: &Grid,
+        has_uncertainty: bool,
+        observation: Option<&Observation>,
+        provenance: &Provenance,
+    ) -> Result<Self> {
+        let mut output = Output::create(path.as_ref(), provenance)?;
+        write_axes(&mut output, grid)?;
+        let extinction = output.unwritten::<f32>("extinction", &AXES, &grid.shape, EXTINCTION)?;
+        observation.map_or(Ok(()), |observation| put_light(&output, observation))?;
+        let add = || output.unwritten::<f32>("uncertainty", &AXES, &grid.shape, UNCERTAINTY);
+        let uncertainty = has_uncertainty.then(add).transpose()?;
+        Ok(Self { output, extinction, uncertainty })
+    }
+
+    /// Write the estimate of a part of the grid that begins with the row and column `first`.
+    ///
+    /// # Errors
+    /// Returns an error if an extinction is negative or not finite, or if the file cannot be written.
+    pub fn write(&self, [row, col]: [usize; 2], estimate: &Estimate) -> Result<()> {
+        check_extinction(&estimate.extinction)?;
+        let first = [0, row, col];
+        self.output.write_part(&self.extinction, first, &estimate.extinction.values)?;
+        match (&self.uncertainty, &estimate.uncertainty) {
+            (Some(dataset), Some(volume)) => self.output.write_part(dataset, first, &volume.values),
+            _ => Ok(()),
+        }
+    }
+
+    /// Close the file and give it its name.
+    ///
+    /// # Errors
+    /// Returns an error if the file cannot be written.
+    pub fn finish(self) -> Result<()> {
+        let Self { output, extinction, uncertainty } = self;
+        drop((extinction, uncertainty));
+        output.finish()
+    }
+}
+
 /// Add a volume to a file that is being written.
 pub(super) fn put_volume(output: &mut Output, volume: &Volume) -> Result<()> {
-    // The readers refuse what is not an extinction; some networks may estimate such values.
-    volume.check_non_negative("extinction")?;
-    if let Some(most) = volume.values.iter().copied().find(|value| *value > LARGEST_EXTINCTION) {
-        let range = "at most 10000 km-1: the images may be in another unit, or contain the code of a \
-                     missing value";
-        return Err(Error::out_of_range("extinction", format!("{most:e} km-1"), range));
-    }
+    check_extinction(volume)?;
     write_axes(output, &volume.grid)?;
     output.variable("extinction", &AXES, &volume.values, EXTINCTION)
 }

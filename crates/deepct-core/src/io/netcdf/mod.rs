@@ -24,8 +24,8 @@ pub(crate) use axis::{bounds, coordinates, coordinates_at, edge_and_spacing, fir
 pub use content::{Content, read_content};
 pub use drawing::{Drawing, read_drawing, read_extinction};
 pub use field::{
-    read_cloud, read_estimate, read_grid, read_implausible_cloud, read_mask, read_volume,
-    write_cloud, write_estimate, write_mask, write_volume,
+    EstimateFile, read_cloud, read_estimate, read_grid, read_implausible_cloud, read_mask,
+    read_volume, write_cloud, write_estimate, write_mask, write_volume,
 };
 pub use guard::{allow_external_files, endless_reading};
 pub(crate) use hdf5_file::is_hdf5;

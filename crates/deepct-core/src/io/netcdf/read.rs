@@ -8,7 +8,7 @@ use super::guard::Reading;
 use crate::error::{Error, Result};
 use crate::io::units::Unit;
 use crate::memory;
-use ndarray::{Array3, ArrayD, Ix3};
+use ndarray::{Array3, ArrayD, Axis, Ix3};
 use std::collections::BTreeMap;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -25,6 +25,8 @@ pub(crate) struct Input {
     units: BTreeMap<String, String>,
     /// The names of the axes of variables with three axes without names.
     axes: Option<[String; 3]>,
+    /// The parts of dimensions that are read, by their names; others are read as a whole.
+    parts: BTreeMap<String, Range<usize>>,
     /// Size of the file (bytes).
     bytes: f64,
     container: Container,
@@ -35,8 +37,10 @@ pub(crate) struct Variable<'a> {
     input: &'a Input,
     /// The name in the file, after the path of its group.
     pub(crate) name: String,
-    /// The length along each axis.
+    /// The length along each axis, of the part that is read.
     pub(crate) shape: Vec<usize>,
+    /// The first index along each axis.
+    first: Vec<usize>,
     /// The name of the dimension along each axis, where the file specifies it.
     dimensions: Vec<Option<String>>,
     /// Whether the names of the dimensions are those of [`Input::with_axes`].
@@ -58,7 +62,8 @@ impl Input {
         let bytes = std::fs::metadata(path).map_err(Error::io(path))?.len() as f64;
         let _reading = Reading::start(path, bytes);
         let container = Container::open(path)?;
-        Ok(Self { path: path.into(), units: BTreeMap::new(), axes: None, bytes, container })
+        let (units, parts) = (BTreeMap::new(), BTreeMap::new());
+        Ok(Self { path: path.into(), units, axes: None, parts, bytes, container })
     }
 
     /// The same file with units that replace those of its variables.
@@ -80,6 +85,16 @@ impl Input {
     /// The same file with names of the axes of variables that have three without names.
     pub(crate) fn with_axes(self, axes: Option<[String; 3]>) -> Self {
         Self { axes, ..self }
+    }
+
+    /// The same file, of which only parts of some dimensions are read.
+    pub(crate) fn with_parts(self, parts: BTreeMap<String, Range<usize>>) -> Self {
+        Self { parts, ..self }
+    }
+
+    /// The first index of a dimension that is read.
+    pub(crate) fn first(&self, dimension: &str) -> usize {
+        self.parts.get(dimension).map_or(0, |part| part.start)
     }
 
     /// An error about a field of this file.
@@ -117,14 +132,17 @@ impl Input {
             dimensions = axes.iter().cloned().map(Some).collect();
         }
         let has_stated_axes = stated.is_some();
-        Ok(Variable {
-            input: self,
-            shape: stored.shape(),
-            dimensions,
-            has_stated_axes,
-            name,
-            stored,
-        })
+        let mut shape = stored.shape();
+        let mut first = vec![0; shape.len()];
+        for (axis, dimension) in dimensions.iter().enumerate().take(shape.len()) {
+            let part = dimension.as_ref().and_then(|name| self.parts.get(name));
+            // A part beyond the end is empty, and refused when it is read.
+            if let Some(part) = part {
+                (first[axis], shape[axis]) =
+                    (part.start, part.end.min(shape[axis]).saturating_sub(part.start));
+            }
+        }
+        Ok(Variable { input: self, shape, first, dimensions, has_stated_axes, name, stored })
     }
 
     /// An error about a variable that the file has, but that cannot be opened.
@@ -425,10 +443,13 @@ impl Variable<'_> {
         let numbers: ArrayD<f64> = match self.stored.kind() {
             Kind::Boolean => {
                 let _reading = self.reading();
-                return self
-                    .stored
-                    .read_boolean()
-                    .map_err(|(problem, remedy)| self.error(problem, &remedy));
+                let values = self.stored.read_boolean();
+                let mut values =
+                    values.map_err(|(problem, remedy)| self.error(problem, &remedy))?;
+                for (axis, range) in self.in_file(&all).into_iter().enumerate() {
+                    values.slice_axis_inplace(Axis(axis), range.into());
+                }
+                return Ok(values);
             }
             // Some programs convert masks to real numbers.
             Kind::Signed(_) | Kind::Unsigned(_) | Kind::Float(_) => self.fetch(&all)?,
@@ -488,6 +509,15 @@ impl Variable<'_> {
 
     fn fetch<T: Real>(&self, ranges: &[Range<usize>]) -> Result<ArrayD<T>> {
         let _reading = self.reading();
-        self.stored.read(ranges).map_err(|(problem, remedy)| self.error(problem, &remedy))
+        self.stored
+            .read(&self.in_file(ranges))
+            .map_err(|(problem, remedy)| self.error(problem, &remedy))
+    }
+
+    /// Ranges of the part that is read as ranges of what is stored.
+    fn in_file(&self, ranges: &[Range<usize>]) -> Vec<Range<usize>> {
+        let offset =
+            |(range, first): (&Range<usize>, &usize)| range.start + first..range.end + first;
+        ranges.iter().zip(&self.first).map(offset).collect()
     }
 }

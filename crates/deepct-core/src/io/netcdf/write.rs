@@ -5,7 +5,7 @@ use super::{INCOMPLETE, Provenance, VERSION, creation, dimension, reason};
 use crate::error::{Error, Result};
 use hdf5::types::{FloatSize, OwnedDynValue, TypeDescriptor};
 use hdf5::{Dataset, DatasetBuilder, H5Type, Location};
-use ndarray::{ArrayView, Dimension};
+use ndarray::{Array3, ArrayView, Axis, Dimension, s};
 use std::path::{Path, PathBuf};
 
 /// Maximum edge length of a chunk (values).
@@ -158,14 +158,53 @@ impl Output {
         let values = values.into();
         // The file has C order, regardless of the order in memory.
         let values = values.as_standard_layout();
-        let chunk: Vec<usize> = values.shape().iter().map(|&n| n.clamp(1, CHUNK)).collect();
-        let builder = self.builder::<T>();
         let dataset = if dimensions.is_empty() {
-            builder.with_data(values.view()).create(name)
+            self.builder::<T>().with_data(values.view()).create(name)
         } else {
-            let builder = builder.chunk(chunk).shuffle().deflate(4);
-            builder.with_data(values.view()).create(name)
+            self.compressed::<T>(values.shape()).with_data(values.view()).create(name)
         };
+        self.attach(name, dataset, dimensions, attributes).map(|_| ())
+    }
+
+    /// Add a variable on dimensions that were declared before, whose values are written later.
+    pub(super) fn unwritten<T: Stored>(
+        &self,
+        name: &str,
+        dimensions: &[&str],
+        shape: &[usize],
+        attributes: &Attributes,
+    ) -> Result<Dataset> {
+        let dataset = self.compressed::<T>(shape).empty::<T>().shape(shape).create(name);
+        self.attach(name, dataset, dimensions, attributes)
+    }
+
+    /// Write a part of a variable, from the index `first` along each axis.
+    pub(super) fn write_part<T: Stored>(
+        &self,
+        dataset: &Dataset,
+        first: [usize; 3],
+        values: &Array3<T>,
+    ) -> Result<()> {
+        let [z, y, x] = [0, 1, 2].map(|axis| first[axis]..first[axis] + values.len_of(Axis(axis)));
+        dataset
+            .write_slice(values.as_standard_layout().view(), s![z, y, x])
+            .map_err(|problem| cannot_write(&self.path, &dataset.name(), &problem))
+    }
+
+    /// A builder of a dataset in compressed blocks.
+    fn compressed<T: Stored>(&self, shape: &[usize]) -> DatasetBuilder {
+        let chunk: Vec<usize> = shape.iter().map(|&n| n.clamp(1, CHUNK)).collect();
+        self.builder::<T>().chunk(chunk).shuffle().deflate(4)
+    }
+
+    /// Complete a variable with its dimensions and attributes.
+    fn attach(
+        &self,
+        name: &str,
+        dataset: hdf5::Result<Dataset>,
+        dimensions: &[&str],
+        attributes: &Attributes,
+    ) -> Result<Dataset> {
         let dataset = dataset.map_err(|problem| cannot_write(&self.path, name, &problem))?;
         for (axis, dimension) in dimensions.iter().enumerate() {
             let scale = self.dimensions.iter().find(|(known, _)| known == dimension);
@@ -174,7 +213,8 @@ impl Output {
                 return Err(cannot_write(&self.path, name, "a dimension could not be attached"));
             }
         }
-        self.attributes(&dataset, name, attributes)
+        self.attributes(&dataset, name, attributes)?;
+        Ok(dataset)
     }
 
     /// Add a scalar variable.

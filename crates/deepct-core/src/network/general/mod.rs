@@ -130,12 +130,12 @@ impl GeneralWeights {
     /// with the given centre (km) and `[rows, cols]`.
     ///
     /// # Errors
-    /// As [`Grid::new`].
+    /// As [`Grid::of_any_size`].
     pub fn grid(&self, voxel_km: f64, center: DVec3, [rows, cols]: [usize; 2]) -> Result<Grid> {
         let GeneralLevels { count, height } = self.metadata.levels;
         let spacing = DVec3::new(voxel_km, voxel_km, height * voxel_km);
         let extent = spacing * DVec3::new(cols as f64, rows as f64, count as f64);
-        Grid::new(center - 0.5 * extent, spacing, [count, rows, cols])
+        Grid::of_any_size(center - 0.5 * extent, spacing, [count, rows, cols])
     }
 
     /// The ordinary weights for images of a geometry, on voxels and levels as those of `grid`. All
