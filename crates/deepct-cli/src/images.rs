@@ -4,7 +4,7 @@ use crate::outcome::Outcome;
 use crate::summary::print_json;
 use deepct_core::carve::cloud_threshold;
 use deepct_core::files::check_output;
-use deepct_core::io::{GENERAL_WEIGHTS, load_trained_weights, read_observation};
+use deepct_core::io::{GENERAL_WEIGHTS, load_trained_weights, read_derived_observation};
 use deepct_core::math::{DVec3, Ray};
 use deepct_core::network::Estimator;
 use deepct_core::plot::{contact_sheet, view_labels};
@@ -48,8 +48,8 @@ struct CheckArgs {
 pub(crate) fn run(args: &Args) -> Result<Outcome> {
     let Verb::Check(args) = &args.verb;
     args.png.as_deref().map(check_output).transpose()?;
-    let observation = read_observation(&args.images)?;
-    let summary = Summary::of(&observation).map_err(Error::in_file(&args.images))?;
+    let (observation, derived) = read_derived_observation(&args.images)?;
+    let summary = Summary::of(&observation, derived).map_err(Error::in_file(&args.images))?;
     if args.json {
         print_json(&summary);
     } else {
@@ -88,6 +88,8 @@ struct Summary {
     wavelength_um: f64,
     /// Keys of the scene illumination that the file lacks.
     assumed: Vec<String>,
+    /// What the file does not state about cameras and images, and what it follows from.
+    derived: Vec<String>,
     views: Vec<ViewSummary>,
     #[serde(skip_serializing_if = "Option::is_none")]
     centres_meet: Option<MeetingSummary>,
@@ -143,7 +145,7 @@ impl MeetingSummary {
 }
 
 impl Summary {
-    fn of(observation: &Observation) -> Result<Self> {
+    fn of(observation: &Observation, derived: Vec<String>) -> Result<Self> {
         let Observation { light, assumed, views, images, standard_error, saturated, .. } =
             observation;
         let (low, high) =
@@ -181,6 +183,7 @@ impl Summary {
             sun_irradiance: light.sun.irradiance,
             wavelength_um: light.wavelength,
             assumed: assumed.clone(),
+            derived,
             views: summaries.collect(),
             centres_meet: MeetingSummary::of(&centres),
             bright_parts_meet: MeetingSummary::of(&lines),
@@ -214,6 +217,9 @@ impl Summary {
         say!("wavelength     {} um", self.wavelength_um);
         if !self.assumed.is_empty() {
             say!("assumed        {}", self.assumed.join(", "));
+        }
+        for text in &self.derived {
+            say!("derived        {text}");
         }
         if let Some(meeting) = &self.centres_meet {
             meeting.say("image centres");

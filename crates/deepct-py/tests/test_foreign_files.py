@@ -159,7 +159,7 @@ def test_angles_that_were_rounded(files, tmp_path, command_line):
             command_line("carve", tmp_path / "angles.nc", *carve)
             assert np.array_equal(values(tmp_path / "mask.nc", "mask"), values(files["mask"], "mask"))
         else:
-            assert "but its camera is at" in refusal(command_line, "carve", tmp_path / "angles.nc", *carve)
+            assert "but its camera_position has" in refusal(command_line, "carve", tmp_path / "angles.nc", *carve)
 
 
 @pytest.mark.parametrize(
@@ -201,3 +201,79 @@ def test_masks_of_real_numbers(files, tmp_path, command_line):
     mask["mask"][0, 0, 0] = 0.5
     mask.to_netcdf(tmp_path / "half.nc")
     assert "holds 0.5" in refusal(command_line, *infer, "--mask", tmp_path / "half.nc")
+
+
+@pytest.fixture(scope="module")
+def carved(files, tmp_path_factory, command_line):
+    """The mask of images in any file, on the grid of the cloud."""
+    folder = tmp_path_factory.mktemp("carved")
+
+    def carve(images):
+        out = folder / "mask.nc"
+        command_line("carve", images, "--grid", files["cloud"], "--out", out)
+        return values(out, "mask")
+
+    return carve
+
+
+def minimal(path, projection=None):
+    """Images with the variables that are needed only."""
+    with xr.open_dataset(path) as dataset:
+        dataset = dataset.load()
+    needed = ["radiance", "camera_position", "pixel_tangent"]
+    images = dataset[needed].drop_vars([*dataset.coords])
+    images["target"] = ("xyz", dataset.target.values[0])
+    for name in ("sun_zenith_deg", "sun_azimuth_deg", "wavelength"):
+        images[name] = float(dataset[name])
+    for variable in images.variables.values():
+        variable.attrs.clear()
+    return images if projection is None else images.assign(projection=projection)
+
+
+@pytest.mark.parametrize("engine", ["netcdf4", "h5netcdf", "NETCDF3_CLASSIC"])
+@pytest.mark.parametrize(
+    "projection",
+    [None, 0, "perspective", ("view", ["perspective"] * 10), ("view", np.array(["perspective"] * 10, "S"))],
+)
+def test_a_minimal_file_of_images(files, tmp_path, command_line, carved, projection, engine):
+    path = tmp_path / "own.nc"
+    options = {"format": engine} if engine.startswith("NETCDF") else {"engine": engine}
+    minimal(files["images"], projection).to_netcdf(path, **options)
+    assert np.array_equal(carved(path), values(files["mask"], "mask"))
+    report = command_line("images", "check", path)
+    assert ("derived        projection: perspective" in report) == (projection is None)
+
+
+def test_an_unknown_projection(files, tmp_path, command_line):
+    for projection in ("fisheye", 7):
+        minimal(files["images"], projection).to_netcdf(tmp_path / "own.nc")
+        line = refusal(command_line, "images", "check", tmp_path / "own.nc")
+        assert str(projection) in line and "0 (perspective)" in line
+
+
+@pytest.mark.parametrize("order", [("row", "col", "view"), ("view", "col", "row"), ("y", "x", "view")])
+def test_dimensions_of_images_have_names(files, tmp_path, carved, order):
+    images = minimal(files["images"])
+    if "y" in order:
+        images = images.rename(row="y", col="x")
+    images["radiance"] = images.radiance.transpose(*order)
+    images["camera_position"] = images.camera_position.T
+    images.to_netcdf(tmp_path / "own.nc")
+    assert np.array_equal(carved(tmp_path / "own.nc"), values(files["mask"], "mask"))
+
+
+def test_images_on_the_axes_of_a_map(files, tmp_path, command_line, carved):
+    """Positions along the axes of images tell which side is north."""
+    images = minimal(files["images"]).rename(row="y", col="x")
+    km = 0.05 * np.arange(images.sizes["y"])
+    images = images.assign_coords(y=("y", km, {"units": "km"}), x=("x", km, {"units": "km"}))
+    images.isel(y=slice(None, None, -1)).to_netcdf(tmp_path / "own.nc")
+    assert np.array_equal(carved(tmp_path / "own.nc"), values(files["mask"], "mask"))
+    assert "y decreases" in command_line("images", "check", tmp_path / "own.nc")
+
+
+def test_positions_of_cameras_in_whole_numbers(files, tmp_path, command_line):
+    images = minimal(files["images"])
+    images["camera_position"] = images.camera_position.round().astype("int32")
+    images.to_netcdf(tmp_path / "own.nc")
+    command_line("images", "check", tmp_path / "own.nc")

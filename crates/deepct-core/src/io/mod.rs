@@ -30,10 +30,10 @@ pub use self::exr::write_exr;
 pub use netcdf::{
     Content, Drawing, EstimateFile, MAX_VALUES, Provenance, ReferenceDroplets, ReferenceView,
     allow_external_files, endless_reading, incomplete, is_own_file, read_cloud, read_content,
-    read_drawing, read_estimate, read_extinction, read_grid, read_implausible_cloud, read_light,
-    read_mask, read_observation, read_reference_droplets, read_reference_extinction,
-    read_reference_view, read_volume, write_cloud, write_estimate, write_mask, write_observation,
-    write_reconstruction, write_sample, write_volume,
+    read_derived_observation, read_drawing, read_estimate, read_extinction, read_grid,
+    read_implausible_cloud, read_light, read_mask, read_observation, read_reference_droplets,
+    read_reference_extinction, read_reference_view, read_volume, write_cloud, write_estimate,
+    write_mask, write_observation, write_reconstruction, write_sample, write_volume,
 };
 #[cfg(feature = "files")]
 pub use units::unit_factor;

@@ -277,15 +277,105 @@ fn wrong_dimensions_are_refused() {
         replace(file, "extinction", Array3::<f32>::zeros((5, 4, 3)).into_dyn());
     });
     check_refusal(io::read_volume(&path), &path, "one coordinate per voxel");
-    // The lengths are correct, but y and z are exchanged.
+}
+
+/// The dimensions of a variable have names, so that their order does not matter.
+#[test]
+fn dimensions_may_be_in_any_order() {
+    let (_folder, path) = place("volume.nc");
     let cube = Grid::new(DVec3::ZERO, DVec3::ONE, [2, 2, 2]).unwrap();
-    io::write_volume(&path, &Volume::constant(cube, 1.0), &provenance()).unwrap();
+    let values = Array3::from_shape_fn(cube.shape, |(k, j, i)| (4 * k + 2 * j + i) as f32);
+    let volume = Volume::new(cube, values.clone()).unwrap();
+    io::write_volume(&path, &volume, &provenance()).unwrap();
     let file = hdf5::File::open_rw(&path).unwrap();
     for (from, to) in [("z", "t"), ("y", "z"), ("t", "y")] {
         file.relink(from, to).unwrap();
     }
     file.close().unwrap();
-    check_refusal(io::read_volume(&path), &path, "(y, z, x)");
+    let exchanged = values.permuted_axes([1, 0, 2]);
+    assert_eq!(io::read_volume(&path).unwrap().values, exchanged);
+}
+
+/// Removes variables of a file of images.
+fn without(path: &Path, observation: &Observation, names: &[&str]) {
+    io::write_observation(path, observation, &provenance()).unwrap();
+    let file = hdf5::File::open_rw(path).unwrap();
+    names.iter().for_each(|name| file.unlink(name).unwrap());
+    file.close().unwrap();
+}
+
+fn part(observation: &Observation, view: usize) -> Observation {
+    let images = observation.images.values.slice(ndarray::s![view..=view, .., ..]).to_owned();
+    let views = vec![observation.views[view]];
+    Observation::new(observation.light.clone(), views, ViewStack::new(images).unwrap()).unwrap()
+}
+
+/// A camera is given by its position or its direction, and the rest follows.
+#[test]
+fn what_follows_from_other_variables_may_be_missing() {
+    let (_folder, path) = place("images.nc");
+    let perspective = part(&observation(), 0);
+    let informative = ["projection", "camera_direction", "view_zenith_deg", "view_azimuth_deg"];
+    without(&path, &perspective, &[&informative[..], &["pixel_km"]].concat());
+    let (found, derived) = io::read_derived_observation(&path).unwrap();
+    assert_eq!((found, derived.len()), (perspective.clone(), 1));
+    assert!(derived[0].contains("perspective"), "{derived:?}");
+    without(&path, &perspective, &[&informative[..], &["pixel_tangent"]].concat());
+    let (found, derived) = io::read_derived_observation(&path).unwrap();
+    assert!((found.views[0].pixel_km() / perspective.views[0].pixel_km() - 1.0).abs() < 1e-12);
+    assert!(derived[1].contains("pixel_tangent"), "{derived:?}");
+    for (view, word) in [(1, "orthographic"), (2, "looking up")] {
+        let parallel = part(&observation(), view);
+        let informative = ["projection", "camera_direction", "camera_position", "pixel_tangent"];
+        without(&path, &parallel, &informative);
+        let (found, derived) = io::read_derived_observation(&path).unwrap();
+        assert!(derived[0].contains(word), "{derived:?}");
+        let (found, expected) = (found.views[0], parallel.views[0]);
+        assert!(found.towards().distance(expected.towards()) < 1e-12);
+        assert_eq!((found.pixel_km(), found.shift), (expected.pixel_km(), expected.shift));
+        assert_eq!(found.looks_up(), view == 2);
+    }
+    for (view, name) in [
+        (0, "target"),
+        (0, "camera_position"),
+        (1, "target"),
+        (1, "pixel_km"),
+        (1, "view_zenith_deg"),
+    ] {
+        let names =
+            if name == "view_zenith_deg" { vec![name, "camera_direction"] } else { vec![name] };
+        without(&path, &part(&observation(), view), &names);
+        check_refusal(io::read_observation(&path), &path, name);
+    }
+    without(&path, &perspective, &["pixel_km", "pixel_tangent"]);
+    check_refusal(io::read_observation(&path), &path, "pixel_tangent");
+    // Radiances in sr-1 are those for a solar irradiance of 1.
+    let mut unit = perspective;
+    unit.light.sun.irradiance = 1.0;
+    without(&path, &unit, &["sun_irradiance"]);
+    assert_eq!(io::read_observation(&path).unwrap(), unit);
+}
+
+/// What is stated twice must agree, and the message names both variables.
+#[test]
+fn contradictory_cameras_are_refused() {
+    let (_folder, path) = place("images.nc");
+    let check = |view: usize, name: &str, factor: f64, names: [&str; 2]| {
+        io::write_observation(&path, &part(&observation(), view), &provenance()).unwrap();
+        let file = hdf5::File::open_rw(&path).unwrap();
+        let dataset = file.dataset(name).unwrap();
+        let values: ndarray::ArrayD<f64> = factor * dataset.read_dyn::<f64>().unwrap();
+        dataset.write(values.view()).unwrap();
+        drop(dataset);
+        file.close().unwrap();
+        for name in names {
+            check_refusal(io::read_observation(&path), &path, name);
+        }
+    };
+    check(0, "camera_direction", -1.0, ["camera_direction", "camera_position"]);
+    check(0, "pixel_km", 1.1, ["pixel_km", "pixel_tangent"]);
+    check(0, "view_zenith_deg", 1.1, ["view_zenith_deg", "camera_position"]);
+    check(1, "view_azimuth_deg", 1.1, ["view_azimuth_deg", "camera_direction"]);
 }
 
 #[test]

@@ -85,6 +85,17 @@ impl Classic {
         })
     }
 
+    /// The characters of a variable of text, one by one; `None` if they cannot be read.
+    pub(super) fn characters(&self, variable: &Variable) -> Option<Vec<String>> {
+        let all: Vec<_> = variable.shape.iter().map(|&length| 0..length).collect();
+        let codes: ArrayD<f64> = self.values(variable, &all).ok()?;
+        let character = |code: &f64| match *code as u8 {
+            0 => String::new(),
+            code => char::from(code).to_string(),
+        };
+        Some(codes.iter().map(character).collect())
+    }
+
     fn values<T: Real>(
         &self,
         variable: &Variable,

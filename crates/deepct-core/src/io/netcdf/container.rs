@@ -183,4 +183,23 @@ impl Stored<'_> {
             Self::Classic(..) => Err(("has no Boolean values".into(), "write 0 and 1".into())),
         }
     }
+
+    /// All values as text. Single characters are joined along the last axis.
+    ///
+    /// # Errors
+    /// As [`Stored::read`]; values that are no text.
+    pub(super) fn read_texts(&self) -> std::result::Result<Vec<String>, (String, String)> {
+        let texts = match self {
+            Self::Hdf5(dataset) => hdf5_file::texts(dataset),
+            Self::Classic(file, variable) => file.characters(variable),
+        };
+        let texts = texts
+            .ok_or_else(|| ("cannot be read as text".into(), "write numbers or text".into()))?;
+        match self.shape().as_slice() {
+            [.., length] if texts.iter().all(|text| text.len() <= 1) => {
+                Ok(texts.chunks(*length).map(|parts| parts.concat().trim().to_owned()).collect())
+            }
+            _ => Ok(texts),
+        }
+    }
 }

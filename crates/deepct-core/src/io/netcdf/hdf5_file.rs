@@ -6,7 +6,9 @@ use super::{dimension, reason};
 use crate::error::{Error, Result};
 use hdf5::filters::Filter;
 use hdf5::types::{FixedAscii, FixedUnicode, TypeDescriptor, VarLenAscii, VarLenUnicode};
-use hdf5::{Dataset, Group, Hyperslab, LinkInfo, LinkType, Location, LocationToken, SliceOrIndex};
+use hdf5::{
+    Dataset, Group, H5Type, Hyperslab, LinkInfo, LinkType, Location, LocationToken, SliceOrIndex,
+};
 use ndarray::ArrayD;
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -19,6 +21,8 @@ const SIGNATURE: &[u8] = b"\x89HDF\r\n\x1a\n";
 const OFFSETS: u32 = 24;
 /// Maximum length of a text attribute of fixed length (bytes).
 const LONGEST_TEXT: usize = 4096;
+/// Maximum length of a text of fixed length that is a value (bytes).
+const LONGEST_NAME: usize = 64;
 /// Depth of groups, and their number, beyond which groups are not listed.
 const DEEPEST: usize = 16;
 const MOST_GROUPS: usize = 10_000;
@@ -290,6 +294,25 @@ pub(super) fn decoded(bytes: &[u8]) -> String {
     match std::str::from_utf8(bytes) {
         Ok(text) => text.to_owned(),
         Err(_) => bytes.iter().map(|&byte| char::from(byte)).collect(),
+    }
+}
+
+/// All values of a dataset of text; `None` if they cannot be read as such.
+pub(super) fn texts(dataset: &Dataset) -> Option<Vec<String>> {
+    fn all<T: H5Type>(dataset: &Dataset, bytes: impl Fn(&T) -> &[u8]) -> Option<Vec<String>> {
+        let values = dataset.read_raw::<T>().ok()?;
+        Some(values.iter().map(|value| decoded(bytes(value)).trim().to_owned()).collect())
+    }
+    match dataset.dtype().ok()?.to_descriptor().ok()? {
+        TypeDescriptor::FixedAscii(length) if length <= LONGEST_NAME => {
+            all::<FixedAscii<LONGEST_NAME>>(dataset, |text| text.as_bytes())
+        }
+        TypeDescriptor::FixedUnicode(length) if length <= LONGEST_NAME => {
+            all::<FixedUnicode<LONGEST_NAME>>(dataset, |text| text.as_bytes())
+        }
+        TypeDescriptor::VarLenAscii => all::<VarLenAscii>(dataset, |text| text.as_bytes()),
+        TypeDescriptor::VarLenUnicode => all::<VarLenUnicode>(dataset, |text| text.as_bytes()),
+        _ => None,
     }
 }
 

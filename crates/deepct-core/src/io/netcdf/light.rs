@@ -26,6 +26,9 @@ const OTHER_ATTRIBUTES: [&str; 10] = [
     "NAME",
 ];
 
+/// The variable of the solar irradiance for which the radiances hold.
+const IRRADIANCE: &str = "sun_irradiance";
+
 const VARIABLES: [(&str, &str, &str, &str, &str); 4] = [
     (
         "sun_zenith_deg",
@@ -41,7 +44,7 @@ const VARIABLES: [(&str, &str, &str, &str, &str); 4] = [
         "azimuth towards the Sun, clockwise from north",
         "solar_azimuth_angle",
     ),
-    ("sun_irradiance", "solar_irradiance", "1", "solar irradiance normal to the beam", ""),
+    (IRRADIANCE, "solar_irradiance", "1", "solar irradiance normal to the beam", ""),
     ("wavelength", "wavelength", "um", "wavelength", "radiation_wavelength"),
 ];
 
@@ -93,7 +96,9 @@ pub(super) fn get_light(input: &Input) -> Result<(Light, Vec<String>)> {
     for (name, key, unit, ..) in VARIABLES {
         // The irradiance has the unit of the radiances times sr, whichever that is.
         let number = match name {
-            "sun_irradiance" => input.scalar(name, None)?,
+            // Radiances in sr-1, and others are refused without it.
+            IRRADIANCE if !input.has(name) => 1.0,
+            IRRADIANCE => input.scalar(name, None)?,
             _ => input.scalar(name, Some(unit))?,
         };
         values.insert(key.to_owned(), toml::Value::Float(number));

@@ -1,6 +1,7 @@
 //! The file formats of deepct: HDF5 files that are also netCDF-4 with CF attributes.
 
 mod axis;
+mod cameras;
 mod classic;
 mod coding;
 mod container;
@@ -18,6 +19,7 @@ mod reconstruction;
 mod reference;
 mod sample;
 mod sources;
+mod window;
 mod write;
 
 pub(crate) use axis::{bounds, coordinates, coordinates_at, edge_and_spacing, first_and_spacing};
@@ -30,7 +32,7 @@ pub use field::{
 pub use guard::{allow_external_files, endless_reading};
 pub(crate) use hdf5_file::is_hdf5;
 pub use light::read_light;
-pub use observation::{read_observation, write_observation};
+pub use observation::{read_derived_observation, read_observation, write_observation};
 pub(crate) use read::{Input, Variable};
 pub use reconstruction::write_reconstruction;
 pub use reference::{

@@ -39,13 +39,17 @@ pub(crate) struct Variable<'a> {
     pub(crate) name: String,
     /// The length along each axis, of the part that is read.
     pub(crate) shape: Vec<usize>,
-    /// The first index along each axis.
+    /// The first index that is read along each stored axis.
     first: Vec<usize>,
     /// The name of the dimension along each axis, where the file specifies it.
     dimensions: Vec<Option<String>>,
     /// Whether the names of the dimensions are those of [`Input::with_axes`].
     pub(crate) has_stated_axes: bool,
     stored: Stored<'a>,
+    /// The number of each axis in the file.
+    order: Vec<usize>,
+    /// Whether integers stand for real numbers.
+    has_integers: bool,
 }
 
 impl Input {
@@ -142,7 +146,19 @@ impl Input {
                     (part.start, part.end.min(shape[axis]).saturating_sub(part.start));
             }
         }
-        Ok(Variable { input: self, shape, first, dimensions, has_stated_axes, name, stored })
+        let order = (0..shape.len()).collect();
+        Ok(Variable {
+            input: self,
+            // The coordinate of a dimension may consist of integers.
+            has_integers: shape.len() <= 1,
+            shape,
+            dimensions,
+            has_stated_axes,
+            name,
+            stored,
+            order,
+            first,
+        })
     }
 
     /// An error about a variable that the file has, but that cannot be opened.
@@ -166,12 +182,13 @@ impl Input {
         }
     }
 
-    /// A variable on the given dimensions, in this order.
+    /// A variable with axes in the order of the given dimensions, which the file may have in another
+    /// order.
     ///
     /// # Errors
     /// Returns an error if the variable is missing, has another rank, or is on other dimensions.
     pub(crate) fn variable_on(&self, name: &str, dimensions: &[&str]) -> Result<Variable<'_>> {
-        let variable = self.variable(name)?;
+        let variable = self.variable(name)?.arranged(dimensions);
         variable.check_dimensions(dimensions)?;
         Ok(variable)
     }
@@ -223,6 +240,32 @@ impl Variable<'_> {
         self.dimensions.get(axis)?.as_deref()
     }
 
+    /// The variable, whose integers stand for real numbers.
+    pub(crate) fn with_integers(self) -> Self {
+        Self { has_integers: true, ..self }
+    }
+
+    /// The variable with its axes in the order of these dimensions, if it is on them.
+    fn arranged(mut self, dimensions: &[&str]) -> Self {
+        let axis =
+            |name: &&str| self.dimensions.iter().position(|own| own.as_deref() == Some(*name));
+        let order: Option<Vec<usize>> = dimensions.iter().map(axis).collect();
+        if let Some(order) = order.filter(|order| order.len() == self.shape.len()) {
+            self.shape = order.iter().map(|&axis| self.shape[axis]).collect();
+            self.dimensions = order.iter().map(|&axis| self.dimensions[axis].clone()).collect();
+            self.order = order;
+        }
+        self
+    }
+
+    /// Values as they are in the file with their axes in the order of this variable.
+    fn in_order<T: Clone>(&self, values: ArrayD<T>) -> ArrayD<T> {
+        if self.order.is_sorted() {
+            return values;
+        }
+        values.permuted_axes(self.order.as_slice()).as_standard_layout().into_owned()
+    }
+
     /// Returns an error unless the axes have the given names in this order. An axis without a
     /// name in the file is identified by its position.
     fn check_dimensions(&self, expected: &[&str]) -> Result<()> {
@@ -239,7 +282,7 @@ impl Variable<'_> {
             self.shape,
             expected.join(", ")
         );
-        Err(self.error(problem, "write it on these dimensions in this order"))
+        Err(self.error(problem, "write it on these dimensions"))
     }
 
     /// The value of a text attribute.
@@ -411,7 +454,7 @@ impl Variable<'_> {
                 Ok(values)
             }
             Kind::Signed(_) | Kind::Unsigned(_)
-                if coding.packing.is_none() && !self.is_axis() && !self.is_scaled_by_unit() =>
+                if coding.packing.is_none() && !self.has_integers && !self.is_scaled_by_unit() =>
             {
                 Err(self.wrong_kind(&kind, "real numbers"))
             }
@@ -426,11 +469,6 @@ impl Variable<'_> {
     fn is_scaled_by_unit(&self) -> bool {
         let unit = self.unit_text().as_deref().and_then(Unit::parse);
         unit.is_some_and(|unit| unit.has_number())
-    }
-
-    /// Whether this is the coordinate of a dimension, which may consist of integers.
-    fn is_axis(&self) -> bool {
-        self.shape.len() <= 1
     }
 
     /// All values as booleans: 1 is true and 0 is false.
@@ -449,7 +487,7 @@ impl Variable<'_> {
                 for (axis, range) in self.in_file(&all).into_iter().enumerate() {
                     values.slice_axis_inplace(Axis(axis), range.into());
                 }
-                return Ok(values);
+                return Ok(self.in_order(values));
             }
             // Some programs convert masks to real numbers.
             Kind::Signed(_) | Kind::Unsigned(_) | Kind::Float(_) => self.fetch(&all)?,
@@ -509,15 +547,31 @@ impl Variable<'_> {
 
     fn fetch<T: Real>(&self, ranges: &[Range<usize>]) -> Result<ArrayD<T>> {
         let _reading = self.reading();
-        self.stored
-            .read(&self.in_file(ranges))
+        let values = self.stored.read(&self.in_file(ranges));
+        values
+            .map(|values| self.in_order(values))
             .map_err(|(problem, remedy)| self.error(problem, &remedy))
     }
 
-    /// Ranges of the part that is read as ranges of what is stored.
+    /// Ranges of the axes, of the part that is read, as ranges of what is stored.
     fn in_file(&self, ranges: &[Range<usize>]) -> Vec<Range<usize>> {
-        let offset =
-            |(range, first): (&Range<usize>, &usize)| range.start + first..range.end + first;
-        ranges.iter().zip(&self.first).map(offset).collect()
+        let mut stored = vec![0..0; ranges.len()];
+        for (range, &axis) in ranges.iter().zip(&self.order) {
+            let first = self.first[axis];
+            stored[axis] = range.start + first..range.end + first;
+        }
+        stored
+    }
+
+    /// All values as text in C order, or `None` if they are numbers. Texts may be stored as characters along
+    /// a further axis.
+    ///
+    /// # Errors
+    /// Returns an error if the values cannot be read.
+    pub(crate) fn texts(&self) -> Result<Option<Vec<String>>> {
+        let Kind::Other(_) = self.stored.kind() else { return Ok(None) };
+        self.check_size(&self.everything())?;
+        let _reading = self.reading();
+        self.stored.read_texts().map(Some).map_err(|(problem, remedy)| self.error(problem, &remedy))
     }
 }
