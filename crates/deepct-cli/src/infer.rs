@@ -1,5 +1,7 @@
 //! `deepct infer`: extinction of a cloud from its images, by the network.
 
+mod tiles;
+
 use crate::config;
 use crate::defaults;
 use crate::files::Files;
@@ -10,13 +12,16 @@ use crate::summary;
 use deepct_core::carve::{CarveSettings, carve};
 use deepct_core::conv;
 use deepct_core::grid::{Grid, Mask, Volume};
-use deepct_core::io::{Provenance, read_mask, read_observation, write_estimate};
+use deepct_core::io::{ImagesFile, Provenance, read_mask, read_observation, write_estimate};
 use deepct_core::network::{Estimate, Estimator};
-use deepct_core::scene::Observation;
+use deepct_core::scene::{Observation, imaging_geometry};
 use deepct_core::{Error, Result};
 use std::path::{Path, PathBuf};
 
 /// Reconstruct the extinction of a cloud with the network
+///
+/// Fields of more than 768 columns along a side are computed and written tile by tile, in little memory.
+/// If the command is interrupted, repeat it to continue.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
     #[command(flatten)]
@@ -81,6 +86,9 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
     Ok(Outcome::Success)
 }
 
+/// Number of rows and columns of a tile.
+const TILE: usize = 768;
+
 /// What all files have in common.
 struct Run<'a> {
     args: &'a Args,
@@ -95,47 +103,82 @@ struct Run<'a> {
 impl Run<'_> {
     /// Estimate the extinction for one file of images, and write it.
     fn file(&self, images: &Path, out: &Path) -> Result<Summary> {
-        let Self { args, network, grid, .. } = self;
+        let file = ImagesFile::open(images)?;
+        let grid = self.grid_of(&file).map_err(Error::in_file(images))?;
+        if grid.tiles(TILE).len() > 1 {
+            return self.tiles(file, &grid, [images, out]);
+        }
+        let Self { args, network, .. } = self;
         let observation = read_observation(images)?;
-        let estimate = |network| infer(network, &observation, grid.as_ref());
+        let estimate = |network| infer(network, &observation, &grid);
         let mut estimated = estimate(network).map_err(Error::in_file(images))?;
         let exact = self.exact.as_ref().map(estimate).transpose()?;
         let rounding =
             exact.map(|exact| Rounding::between(&estimated.extinction, &exact.extinction));
-        let mask = find_mask(args, images, &observation, &estimated.extinction)?;
+        let mask = match &args.mask {
+            Some(path) => Some(given_mask(path, &grid)?),
+            None => self.carved(images, &observation, &grid)?,
+        };
         args.network.warn_of_unusual_images(network, &observation, &estimated)?;
         args.network.warn_of_ends(&estimated);
         if let Some(mask) = mask {
-            mask.apply(&mut estimated.extinction)?;
-            estimated.uncertainty.as_mut().map_or(Ok(()), |values| mask.apply(values))?;
+            apply(&mask, &mut estimated)?;
         }
+        write_estimate(out, &estimated, Some(&observation), &self.provenance(images, None))?;
+        Ok(Summary {
+            images: images.into(),
+            out: out.into(),
+            shape: grid.shape,
+            altitudes_km: [grid.lower().z, grid.upper().z],
+            largest: estimated.extinction.values.iter().copied().fold(0.0, f32::max),
+            expected_epsilon: estimated.expected_relative_error(),
+            rounding,
+        })
+    }
+
+    /// The requested grid, or that of the network for these images.
+    fn grid_of(&self, file: &ImagesFile) -> Result<Grid> {
+        let views = file.views();
+        let size = [views[0].rows, views[0].cols];
+        match self.grid {
+            Some(grid) => Ok(grid),
+            None => self.network.grid(&imaging_geometry(file.light(), views)?, size),
+        }
+    }
+
+    /// The mask that the images permit, if it is requested.
+    fn carved(&self, images: &Path, seen: &Observation, grid: &Grid) -> Result<Option<Mask>> {
+        if !self.args.carve {
+            return Ok(None);
+        }
+        let carved = carve(seen, grid, &CarveSettings::default());
+        let carved = carved.map_err(Error::in_file(images))?;
+        if let Some(warning) = carved.warning() {
+            note!("deepct: warning: {}: {warning}", images.display());
+        }
+        Ok(Some(carved.mask))
+    }
+
+    /// The provenance of the output, with the checksum of the images if the run can be resumed.
+    fn provenance(&self, images: &Path, checksum: Option<&str>) -> Provenance {
+        let Self { args, network, settings, .. } = self;
         let weights = network.weights();
         let resolved = Resolved {
             images,
+            images_sha256: checksum,
             weights: &args.network.weights,
             formation: weights.formation(),
             trained_on: &weights.training().identity,
             grid: args.network.grid.as_deref(),
             mask: args.mask.as_deref(),
             carve: args.carve,
-            settings: &self.settings,
+            settings,
         };
-        let provenance = Provenance {
+        Provenance {
             title: "Extinction by the network".into(),
             configuration: toml::to_string(&resolved).expect("plain numbers and text"),
             seed: self.global.seed,
-        };
-        write_estimate(out, &estimated, Some(&observation), &provenance)?;
-        let Volume { grid, values } = &estimated.extinction;
-        Ok(Summary {
-            images: images.into(),
-            out: out.into(),
-            shape: grid.shape,
-            altitudes_km: [grid.lower().z, grid.upper().z],
-            largest: values.iter().copied().fold(0.0, f32::max),
-            expected_epsilon: estimated.expected_relative_error(),
-            rounding,
-        })
+        }
     }
 }
 
@@ -206,42 +249,36 @@ impl Rounding {
     }
 }
 
-fn infer(network: &Estimator, observation: &Observation, grid: Option<&Grid>) -> Result<Estimate> {
-    network.estimate(&observation.images, &observation.imaging_geometry()?, grid)
+fn infer(network: &Estimator, observation: &Observation, grid: &Grid) -> Result<Estimate> {
+    network.estimate(&observation.images, &observation.imaging_geometry()?, Some(grid))
 }
 
-/// The requested mask, on the grid of the volume.
-fn find_mask(
-    args: &Args,
-    images: &Path,
-    observation: &Observation,
-    volume: &Volume,
-) -> Result<Option<Mask>> {
-    if args.carve {
-        let carved = carve(observation, &volume.grid, &CarveSettings::default());
-        let carved = carved.map_err(Error::in_file(images))?;
-        if let Some(warning) = carved.warning() {
-            note!("deepct: warning: {}: {warning}", images.display());
-        }
-        return Ok(Some(carved.mask));
-    }
-    let Some(path) = &args.mask else { return Ok(None) };
+/// Sets an estimate to zero outside of a mask.
+fn apply(mask: &Mask, estimate: &mut Estimate) -> Result<()> {
+    mask.apply(&mut estimate.extinction)?;
+    estimate.uncertainty.as_mut().map_or(Ok(()), |values| mask.apply(values))
+}
+
+/// The mask in a file, which must be on the grid of the estimate.
+fn given_mask(path: &Path, grid: &Grid) -> Result<Mask> {
     let mask = read_mask(path)?;
-    if !mask.grid.matches(&volume.grid) {
-        let remedy = "carve a mask on the grid of the network's estimate, or use --carve";
-        let what = format!("{}: grid of the mask", path.display());
-        let text = |grid: &deepct_core::grid::Grid| {
-            format!("{:?} voxels of {} km from {} km", grid.shape, grid.spacing, grid.origin)
-        };
-        return Err(Error::mismatch(what, text(&volume.grid), text(&mask.grid), remedy));
+    if mask.grid.matches(grid) {
+        return Ok(mask);
     }
-    Ok(Some(mask))
+    let remedy = "carve a mask on the grid of the network's estimate, or use --carve";
+    let what = format!("{}: grid of the mask", path.display());
+    let text = |grid: &Grid| {
+        format!("{:?} voxels of {} km from {} km", grid.shape, grid.spacing, grid.origin)
+    };
+    Err(Error::mismatch(what, text(grid), text(&mask.grid), remedy))
 }
 
 /// Parameters of the run, recorded in the output file.
 #[derive(Debug, serde::Serialize)]
 struct Resolved<'a> {
     images: &'a Path,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    images_sha256: Option<&'a str>,
     weights: &'a Path,
     formation: Option<&'a str>,
     trained_on: &'a str,

@@ -186,7 +186,7 @@ pub fn write(path: &Path, contents: impl AsRef<[u8]>) -> Result<()> {
 /// # Errors
 /// A file that cannot be read.
 #[cfg(feature = "files")]
-pub(crate) fn sha256(path: &Path) -> Result<String> {
+pub fn sha256(path: &Path) -> Result<String> {
     use sha2::{Digest, Sha256};
     check_regular(path)?;
     let mut file = std::fs::File::open(path).map_err(Error::io(path))?;

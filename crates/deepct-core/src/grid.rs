@@ -5,7 +5,7 @@ pub mod resample;
 use crate::error::{Error, Result};
 use crate::math::DVec3;
 use crate::memory;
-use ndarray::Array3;
+use ndarray::{Array3, s};
 use std::ops::Range;
 
 /// The largest number of voxels of a grid: it protects against files whose header declares more
@@ -223,6 +223,15 @@ impl Volume {
         Self { grid, values: Array3::from_elem(grid.shape, value) }
     }
 
+    /// Some rows and columns of the volume.
+    ///
+    /// # Errors
+    /// As [`Grid::part`].
+    pub fn part(&self, rows: Range<usize>, cols: Range<usize>) -> Result<Self> {
+        let grid = self.grid.part(rows.clone(), cols.clone())?;
+        Ok(Self { grid, values: self.values.slice(s![.., rows, cols]).to_owned() })
+    }
+
     /// Returns an error unless every value is finite and not negative.
     ///
     /// # Errors
@@ -261,6 +270,15 @@ impl Mask {
     /// Number of voxels inside the mask.
     pub fn count(&self) -> usize {
         self.values.iter().filter(|inside| **inside).count()
+    }
+
+    /// Some rows and columns of the mask.
+    ///
+    /// # Errors
+    /// As [`Grid::part`].
+    pub fn part(&self, rows: Range<usize>, cols: Range<usize>) -> Result<Self> {
+        let grid = self.grid.part(rows.clone(), cols.clone())?;
+        Ok(Self { grid, values: self.values.slice(s![.., rows, cols]).to_owned() })
     }
 
     /// Sets `volume` to zero outside the mask.

@@ -2,12 +2,13 @@ use crate::program::Program;
 use deepct_core::grid::{Grid, Mask};
 use deepct_core::image::ViewStack;
 use deepct_core::io::{
-    Provenance, read_estimate, read_mask, read_volume, write_mask, write_observation, write_weights,
+    Provenance, load_trained_weights, read_estimate, read_mask, read_volume, write_mask,
+    write_observation, write_weights,
 };
 use deepct_core::math::{DVec3, towards};
 use deepct_core::network::{
-    Architecture, FORMAT_VERSION, ImageLayout, LayerWeights, Levels, Network, NetworkOutput,
-    Planes, Training, Weights, WeightsMetadata,
+    Architecture, Estimator, FORMAT_VERSION, ImageLayout, LayerWeights, Levels, Network,
+    NetworkOutput, Planes, Training, Weights, WeightsMetadata,
 };
 use deepct_core::scene::{Formation, Observation, Sun, View};
 use ndarray::{Array1, Array3, Array4};
@@ -319,4 +320,49 @@ fn many_files_are_processed_by_one_command() {
     program.refuse("infer I.nc J.nc --grid C.nc --out V.nc", &["--out-dir"]);
     program.refuse("infer I.nc --grid C.nc --out-dir .", &["is an input of this command"]);
     program.refuse("infer I.nc many/I.nc --grid C.nc --out-dir more", &["output of two files"]);
+}
+
+/// Images of a long strip of clouds are estimated tile by tile. The result is that of the whole, and that
+/// of a run that was interrupted.
+#[test]
+fn long_images_are_estimated_in_tiles() {
+    let program = Program::new();
+    let (rows, cols) = (24, 800);
+    let target = DVec3::new(20.0, 0.6, 1.0);
+    let views: Vec<View> = [(0.0_f64, 0.0_f64), (35.0, 80.0), (35.0, 260.0), (20.0, 170.0)]
+        .iter()
+        .map(|(zenith, azimuth)| towards(zenith.to_radians(), azimuth.to_radians()))
+        .map(|towards| View::orthographic(towards, target, 0.05, [rows, cols]).unwrap())
+        .collect();
+    // A cloud of six columns in every twenty.
+    let radiance = Array3::from_shape_fn((views.len(), rows, cols), |(view, row, col)| {
+        let cloudy = (9..15).contains(&row) && (col + view) % 20 < 6;
+        if cloudy { 0.15 + 0.01 * ((col / 20) % 5) as f32 } else { 0.02 }
+    });
+    let images = ViewStack::new(radiance).unwrap();
+    let observation = Observation::new(Sun::default(), views, images).unwrap();
+    let provenance = Provenance { title: "A test".into(), configuration: String::new(), seed: 0 };
+    write_observation(program.path("I.nc"), &observation, &provenance).unwrap();
+    let estimator = Estimator::new(load_trained_weights("general").unwrap());
+    let geometry = observation.imaging_geometry().unwrap();
+    let whole = estimator.estimate(&observation.images, &geometry, None).unwrap();
+
+    let printed = program.succeed("infer I.nc --out V.nc");
+    assert!(printed.contains("32 levels of 24 x 800 columns"), "{printed}");
+    assert_eq!(program.files(), ["I.nc", "V.nc"]);
+    let tiled = read_estimate(program.path("V.nc")).unwrap();
+    assert_eq!(tiled.extinction.grid, whole.extinction.grid);
+    let largest = whole.extinction.values.iter().copied().fold(0.0, f32::max);
+    assert!(largest > 1.0, "{largest}");
+    for (one, other) in tiled.extinction.values.iter().zip(&whole.extinction.values) {
+        assert!((one - other).abs() < 1e-4 * largest, "{one} {other}");
+    }
+    // A tile of this run, and one of another run that must not be used.
+    let bytes = std::fs::read(program.path("V.nc")).unwrap();
+    program.succeed("infer I.nc --carve --out W.nc");
+    std::fs::create_dir(program.path("V.nc.tiles")).unwrap();
+    std::fs::copy(program.path("W.nc"), program.path("V.nc.tiles/1.nc")).unwrap();
+    program.succeed("infer I.nc --out V.nc");
+    assert_eq!(std::fs::read(program.path("V.nc")).unwrap(), bytes);
+    assert_eq!(program.files(), ["I.nc", "V.nc", "W.nc"]);
 }

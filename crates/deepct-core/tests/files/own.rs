@@ -7,7 +7,7 @@ use deepct_core::image::ViewStack;
 use deepct_core::io::{self, Provenance};
 use deepct_core::math::{DVec3, towards};
 use deepct_core::scene::{Observation, Sun, View};
-use ndarray::{Array1, Array3};
+use ndarray::{Array1, Array3, s};
 use std::path::Path;
 
 pub(crate) fn provenance() -> Provenance {
@@ -509,4 +509,38 @@ fn radiances_have_the_unit_of_the_irradiance() {
     assert_eq!(io::read_observation(&path).unwrap(), observation());
     set("sun_irradiance", "mW m-2 nm-1");
     assert!(io::read_observation(&path).is_err());
+}
+
+/// Parts of the images in a file are those of the whole images, also where the file begins in the north or
+/// holds a part of larger images.
+#[test]
+fn images_are_read_in_parts() {
+    let (_folder, path) = place("images.nc");
+    let whole = observation();
+    io::write_observation(&path, &whole, &provenance()).unwrap();
+    let check = |expected: &Observation| {
+        let mut file = io::ImagesFile::open(&path).unwrap();
+        for (rows, cols) in [(0..3, 0..4), (1..3, 2..3), (0..1, 3..4)] {
+            let part = file.part(rows.clone(), cols.clone()).unwrap();
+            let slice = s![.., rows.clone(), cols.clone()];
+            assert_eq!(part.images.values, expected.images.values.slice(slice));
+            let errors =
+                [&part, expected].map(|seen| &seen.standard_error.as_ref().unwrap().values);
+            assert_eq!(errors[0], errors[1].slice(slice));
+            for (view, whole) in part.views.iter().zip(&expected.views) {
+                let (first, size) = ([rows.start, cols.start], [rows.len(), cols.len()]);
+                assert_eq!(*view, whole.part(first, size).unwrap());
+            }
+        }
+        assert!(file.part(1..4, 0..1).is_err() && file.part(1..1, 0..1).is_err());
+    };
+    check(&whole);
+    let file = hdf5::File::open_rw(&path).unwrap();
+    let rows: Vec<f64> = file.dataset("row").unwrap().read_raw().unwrap();
+    let northern: Vec<f64> = rows.into_iter().rev().collect();
+    file.dataset("row").unwrap().write_raw(&northern).unwrap();
+    file.close().unwrap();
+    let reversed = io::read_observation(&path).unwrap();
+    assert_ne!(reversed.images, whole.images);
+    check(&reversed);
 }

@@ -32,7 +32,7 @@ pub use field::{
 pub use guard::{allow_external_files, endless_reading};
 pub(crate) use hdf5_file::is_hdf5;
 pub use light::read_light;
-pub use observation::{read_derived_observation, read_observation, write_observation};
+pub use observation::{ImagesFile, read_derived_observation, read_observation, write_observation};
 pub(crate) use read::{Input, Variable};
 pub use reconstruction::write_reconstruction;
 pub use reference::{
@@ -58,6 +58,8 @@ pub struct Provenance {
     pub seed: u64,
 }
 
+/// The attribute of [`Provenance::configuration`].
+const CONFIGURATION: &str = "configuration";
 /// The attribute of all files that deepct writes.
 const VERSION: &str = "deepct_version";
 /// The attribute of a file whose computation was interrupted.
@@ -71,6 +73,15 @@ pub fn incomplete(path: impl AsRef<Path>) -> Option<String> {
         return None;
     }
     Input::open(path).ok()?.text(INCOMPLETE)
+}
+
+/// The configuration in a file of deepct ([`Provenance::configuration`]); `None` for other files.
+pub fn configuration(path: impl AsRef<Path>) -> Option<String> {
+    let path = path.as_ref();
+    if !is_hdf5(path) {
+        return None;
+    }
+    Input::open(path).ok()?.text(CONFIGURATION)
 }
 
 /// Whether a file was written by deepct, or changed by another program afterwards.

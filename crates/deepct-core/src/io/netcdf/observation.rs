@@ -7,8 +7,9 @@ use super::write::{Attribute::*, Output};
 use super::{INCOMPLETE, Input, Provenance};
 use crate::error::Result;
 use crate::image::ViewStack;
-use crate::scene::Observation;
+use crate::scene::{Light, Observation, View};
 use ndarray::Ix3;
+use std::ops::Range;
 use std::path::Path;
 
 /// The dimensions of images.
@@ -90,61 +91,130 @@ pub fn read_observation(path: impl AsRef<Path>) -> Result<Observation> {
 /// # Errors
 /// As [`read_observation`].
 pub fn read_derived_observation(path: impl AsRef<Path>) -> Result<(Observation, Vec<String>)> {
-    let path = path.as_ref();
-    let input = Input::open(path)?;
-    let axes = pixel_axes(&input)?;
-    let pixels = ["view", axes[0], axes[1]];
-    let relative = is_relative_to_the_irradiance(&input)?;
-    let values = |name| {
-        let variable = input.variable_on(name, &pixels)?;
-        if relative { variable.reals_3d() } else { variable.reals_3d_of_layout("sr-1") }
-    };
-    let images = ViewStack::new(values("radiance")?).map_err(|problem| {
-        let remedy =
-            "write numbers everywhere; an infinite radiance_standard_error leaves a pixel out";
-        input.error("radiance", problem.to_string(), remedy)
-    })?;
-    let window = Window::read(&input, axes, images.shape())?;
-    let images = ViewStack { values: window.oriented(images.values) };
-    let has_units = input.variable("radiance")?.unit_text().is_some();
-    let error = "radiance_standard_error";
-    let standard_error = match input.has(error) {
-        true => {
-            let errors = ViewStack::of_errors(values(error)?).map_err(|problem| {
-                input.error(error, problem.to_string(), "write the standard error of every pixel")
-            })?;
-            Some(ViewStack { values: window.oriented(errors.values) })
+    let file = ImagesFile::open(path)?;
+    let observation = file.observation(file.views.clone())?;
+    Ok((observation, file.derived))
+}
+
+/// A file of images that is open for reading, as a whole or in parts.
+pub struct ImagesFile {
+    input: Input,
+    /// The names of the dimensions of the pixels.
+    pixels: [&'static str; 3],
+    window: Window,
+    views: Vec<View>,
+    light: Light,
+    assumed: Vec<String>,
+    derived: Vec<String>,
+    /// Whether the radiances have the unit of the solar irradiance per steradian.
+    relative: bool,
+}
+
+impl ImagesFile {
+    /// Open a file of images, and read everything but its pixels.
+    ///
+    /// # Errors
+    /// As [`read_observation`].
+    pub fn open(path: impl AsRef<Path>) -> Result<Self> {
+        let input = Input::open(path.as_ref())?;
+        let axes = pixel_axes(&input)?;
+        let pixels = ["view", axes[0], axes[1]];
+        let relative = is_relative_to_the_irradiance(&input)?;
+        let radiance = input.variable_on("radiance", &pixels)?;
+        let &[count, rows, cols] = radiance.shape.as_slice() else {
+            return Err(radiance.error("has not three dimensions", "write it on view, row, col"));
+        };
+        let window = Window::read(&input, axes, [count, rows, cols])?;
+        let mut derived = window.notes(axes);
+        let views = read_views(&input, &window, [count, rows, cols], &mut derived)?;
+        let (light, assumed) = get_light(&input)?;
+        drop(radiance);
+        Ok(Self { input, pixels, window, views, light, assumed, derived, relative })
+    }
+
+    /// The views of the whole images.
+    pub fn views(&self) -> &[View] {
+        &self.views
+    }
+
+    /// The scene illumination.
+    pub fn light(&self) -> &Light {
+        &self.light
+    }
+
+    /// Read the pixels within these rows (from the south) and columns (from the west), the same in all
+    /// images.
+    ///
+    /// # Errors
+    /// As [`read_observation`]; a part that is empty or not in the images.
+    pub fn part(&mut self, rows: Range<usize>, cols: Range<usize>) -> Result<Observation> {
+        let (first, size) = ([rows.start, cols.start], [rows.len(), cols.len()]);
+        let views = self.views.iter().map(|view| view.part(first, size)).collect::<Result<_>>()?;
+        let whole = [self.views[0].rows, self.views[0].cols];
+        let stored = self.window.in_file([rows, cols], whole);
+        self.input.read_parts(self.pixels[1..].iter().map(|name| name.to_string()).zip(stored));
+        let observation = self.observation(views);
+        self.input.read_parts([]);
+        observation
+    }
+
+    /// The observation by these views of the part that is read.
+    fn observation(&self, views: Vec<View>) -> Result<Observation> {
+        let Self { input, pixels, window, relative, .. } = self;
+        let values = |name| {
+            let variable = input.variable_on(name, pixels)?;
+            if *relative { variable.reals_3d() } else { variable.reals_3d_of_layout("sr-1") }
+        };
+        let images = ViewStack::new(values("radiance")?).map_err(|problem| {
+            let remedy =
+                "write numbers everywhere; an infinite radiance_standard_error leaves a pixel out";
+            input.error("radiance", problem.to_string(), remedy)
+        })?;
+        let images = ViewStack { values: window.oriented(images.values) };
+        let has_units = input.variable("radiance")?.unit_text().is_some();
+        let error = "radiance_standard_error";
+        let standard_error = match input.has(error) {
+            true => {
+                let errors = ViewStack::of_errors(values(error)?).map_err(|problem| {
+                    input.error(
+                        error,
+                        problem.to_string(),
+                        "write the standard error of every pixel",
+                    )
+                })?;
+                Some(ViewStack { values: window.oriented(errors.values) })
+            }
+            false => None,
+        };
+        let mut observation = Observation::new(self.light.clone(), views, images)
+            .map_err(|problem| input.error("radiance", problem.to_string(), "write it again"))?;
+        let brightest = observation.images.brightest();
+        if !has_units && f64::from(brightest) > BRIGHTEST_CLOUD * observation.light.sun.irradiance {
+            let problem = format!(
+                "has no units and numbers of up to {brightest}, more than a radiance of clouds for the solar \
+                 irradiance {}",
+                observation.light.sun.irradiance
+            );
+            let remedy = "divide it by the solar irradiance and add the attribute units = \"sr-1\"";
+            return Err(input.error("radiance", problem, remedy));
         }
-        false => None,
-    };
-    let mut derived = window.notes(axes);
-    let views = read_views(&input, &window, images.shape(), &mut derived)?;
-    let (light, assumed) = get_light(&input)?;
-    let mut observation = Observation::new(light, views, images)
-        .map_err(|problem| input.error("radiance", problem.to_string(), "write it again"))?;
-    let brightest = observation.images.brightest();
-    if !has_units && f64::from(brightest) > BRIGHTEST_CLOUD * observation.light.sun.irradiance {
-        let problem = format!(
-            "has no units and numbers of up to {brightest}, more than a radiance of clouds for the solar \
-             irradiance {}",
-            observation.light.sun.irradiance
-        );
-        let remedy = "divide it by the solar irradiance and add the attribute units = \"sr-1\"";
-        return Err(input.error("radiance", problem, remedy));
+        observation.incomplete = input.text(INCOMPLETE).is_some();
+        if standard_error.as_ref().is_some_and(|error| error.shape() != observation.images.shape())
+        {
+            return Err(input.error(error, "has another shape than radiance", "write it again"));
+        }
+        observation.standard_error = standard_error;
+        observation.assumed.clone_from(&self.assumed);
+        if input.has("saturated") {
+            let marks = input.variable_on("saturated", pixels)?.flags()?;
+            let marks = marks.into_dimensionality::<Ix3>().expect("three dimensions were checked");
+            observation =
+                observation.with_saturated(window.oriented(marks)).map_err(|problem| {
+                    input.error("saturated", problem.to_string(), "mark every pixel")
+                })?;
+        }
+        Ok(observation)
     }
-    observation.incomplete = input.text(INCOMPLETE).is_some();
-    if standard_error.as_ref().is_some_and(|error| error.shape() != observation.images.shape()) {
-        return Err(input.error(error, "has another shape than radiance", "write it again"));
-    }
-    (observation.assumed, observation.standard_error) = (assumed, standard_error);
-    if input.has("saturated") {
-        let marks = input.variable_on("saturated", &pixels)?.flags()?;
-        let marks = marks.into_dimensionality::<Ix3>().expect("three dimensions were checked");
-        observation = observation
-            .with_saturated(window.oriented(marks))
-            .map_err(|problem| input.error("saturated", problem.to_string(), "mark every pixel"))?;
-    }
-    Ok((observation, derived))
 }
 
 /// Whether the radiances have the unit of the solar irradiance per steradian, other than `sr-1`.

@@ -91,14 +91,9 @@ impl Input {
         Self { axes, ..self }
     }
 
-    /// The same file, of which only parts of some dimensions are read.
-    pub(crate) fn with_parts(self, parts: BTreeMap<String, Range<usize>>) -> Self {
-        Self { parts, ..self }
-    }
-
-    /// The first index of a dimension that is read.
-    pub(crate) fn first(&self, dimension: &str) -> usize {
-        self.parts.get(dimension).map_or(0, |part| part.start)
+    /// Read only parts of these dimensions from now on, and others as a whole.
+    pub(crate) fn read_parts(&mut self, parts: impl IntoIterator<Item = (String, Range<usize>)>) {
+        self.parts = parts.into_iter().collect();
     }
 
     /// An error about a field of this file.

@@ -3,6 +3,7 @@
 use super::Input;
 use crate::error::Result;
 use ndarray::{Array3, ArrayD, Axis};
+use std::ops::Range;
 
 /// The axes of an image, with the variable that holds the position of the target on them. Pixel
 /// centres have the numbers of the axis, so that these positions also hold for parts of an image.
@@ -73,6 +74,19 @@ impl Window {
             )
         };
         reversed.map(note).collect()
+    }
+
+    /// The ranges of the file that hold these rows (from the south) and columns (from the west) of images
+    /// of the size `whole`.
+    pub(super) fn in_file(
+        &self,
+        ranges: [Range<usize>; 2],
+        whole: [usize; 2],
+    ) -> [Range<usize>; 2] {
+        [0, 1].map(|axis| {
+            let Range { start, end } = ranges[axis];
+            if self.reversed[axis] { whole[axis] - end..whole[axis] - start } else { start..end }
+        })
     }
 
     /// The images with rows to the north and columns to the east.

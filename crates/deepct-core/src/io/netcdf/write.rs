@@ -1,7 +1,7 @@
 //! Writing of netCDF-4 files: variables on named dimensions. A file has a temporary name until it
 //! is complete.
 
-use super::{INCOMPLETE, Provenance, VERSION, creation, dimension, reason};
+use super::{CONFIGURATION, INCOMPLETE, Provenance, VERSION, creation, dimension, reason};
 use crate::error::{Error, Result};
 use hdf5::types::{FloatSize, OwnedDynValue, TypeDescriptor};
 use hdf5::{Dataset, DatasetBuilder, H5Type, Location};
@@ -89,7 +89,7 @@ impl Output {
                 ("title", Attribute::Text(&provenance.title)),
                 ("source", Attribute::Text(&source)),
                 (VERSION, Attribute::Text(version)),
-                ("configuration", Attribute::Text(&provenance.configuration)),
+                (CONFIGURATION, Attribute::Text(&provenance.configuration)),
                 ("seed", seed),
             ],
         )?;
