@@ -16,6 +16,7 @@ use numpy::PyArray3;
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
 use std::collections::BTreeMap;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -57,6 +58,12 @@ impl Record for Network {
         Ok(arguments)
     }
 }
+
+/// The first row or column of a range, and the one after the last.
+type Ends = (usize, usize);
+
+/// Rows, columns, grid and pixels of a tile.
+type TileParts = (Ends, Ends, Grid, Option<(Ends, Ends)>);
 
 impl Network {
     fn of(weights: TrainedWeights, source: Source, force: bool) -> Self {
@@ -148,6 +155,34 @@ impl Network {
     /// and 32 levels are centred on it.
     fn grid(&self, views: ViewSequence) -> PyResult<Grid> {
         self.grid_of(&views.0).map(Grid).map_err(raise)
+    }
+
+    /// Division of a grid into tiles that can be estimated by themselves.
+    ///
+    /// Parameters
+    /// ----------
+    /// views : Views or sequence of View
+    ///     The views of the whole images.
+    /// grid : Grid
+    ///     Grid of the whole estimate.
+    /// side : int
+    ///     Largest number of rows and columns of a tile.
+    ///
+    /// Returns
+    /// -------
+    /// list of (rows, cols, around, pixels)
+    ///     For each tile: its rows and columns, each as (first, end); the grid of the tile and of the
+    ///     columns around it that the network reads; and the rows and columns of the images that show this
+    ///     grid, or None.
+    fn tiles(&self, views: ViewSequence, grid: &Grid, side: usize) -> PyResult<Vec<TileParts>> {
+        let halo = self.estimator.halo(&grid.0);
+        let tiles = scene::Tile::all(&views.0, &grid.0, side, halo).map_err(raise)?;
+        let ends = |range: &Range<usize>| (range.start, range.end);
+        let parts = |tile: scene::Tile| {
+            let pixels = tile.pixels.as_ref().map(|[rows, cols]| (ends(rows), ends(cols)));
+            (ends(&tile.rows), ends(&tile.cols), Grid(tile.around), pixels)
+        };
+        Ok(tiles.into_iter().map(parts).collect())
     }
 
     /// Estimate the extinction of a cloud from its images.

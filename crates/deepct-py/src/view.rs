@@ -212,6 +212,13 @@ impl View {
         self.0.shift.into()
     }
 
+    /// The view of a larger image of `size` pixels, of which this one is the part that begins at the
+    /// pixel `first`; the inverse of `part`.
+    fn enlarged(&self, first: &Bound<'_, PyAny>, size: &Bound<'_, PyAny>) -> PyResult<Self> {
+        let (first, size) = (sizes(first, "first", PIXELS)?, sizes(size, "size", PIXELS)?);
+        self.0.enlarged(first, size).map(Self).map_err(raise)
+    }
+
     /// The view of a part of the image: `size` (rows, cols) pixels from the pixel `first` (row, col).
     /// It belongs to `image[first[0]:first[0] + size[0], first[1]:first[1] + size[1]]`.
     fn part(&self, first: &Bound<'_, PyAny>, size: &Bound<'_, PyAny>) -> PyResult<Self> {

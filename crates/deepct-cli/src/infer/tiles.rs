@@ -10,21 +10,11 @@ use deepct_core::grid::{Grid, Mask, Volume};
 use deepct_core::io::{
     EstimateFile, ImagesFile, Provenance, configuration, read_estimate, write_estimate,
 };
-use deepct_core::math::DVec3;
 use deepct_core::network::Estimate;
-use deepct_core::scene::{Observation, pixels_that_show};
+use deepct_core::scene::{Observation, Tile};
 use deepct_core::{Error, Result, files};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
-
-/// Columns beyond those that the network reads of which pixels are needed, for their interpolation.
-const MARGIN: usize = 2;
-
-/// Columns beyond a requested grid from which the network reads, where the images show them.
-const BEYOND: f64 = 10.0;
-
-/// The rows and columns of a tile.
-type Place = [Range<usize>; 2];
 
 /// Sums over all tiles, and the tile with the most extinction.
 #[derive(Debug, Default)]
@@ -49,12 +39,12 @@ impl Run<'_> {
         std::fs::create_dir_all(&folder).map_err(Error::io(&folder))?;
         let provenance = self.provenance(images, Some(&files::sha256(images)?));
         let mask = self.args.mask.as_deref().map(|path| given_mask(path, grid)).transpose()?;
-        let places = grid.tiles(TILE);
-        let progress = Progress::start(self.global, "tiles", places.len() as u64);
-        for (number, place) in places.iter().enumerate() {
-            let path = tile(&folder, number);
+        let tiles = Tile::all(file.views(), grid, TILE, self.network.halo(grid))?;
+        let progress = Progress::start(self.global, "tiles", tiles.len() as u64);
+        for (number, tile) in tiles.iter().enumerate() {
+            let path = path_of(&folder, number);
             if configuration(&path).as_deref() != Some(&provenance.configuration) {
-                let estimate = self.tile(&mut file, grid, place, mask.as_ref(), images)?;
+                let estimate = self.tile(&mut file, grid, tile, mask.as_ref(), images)?;
                 write_estimate(&path, &estimate, None, &provenance)?;
             }
             progress.advance(1);
@@ -64,11 +54,10 @@ impl Run<'_> {
             }
         }
         drop(progress);
-        let total = join(&folder, out, grid, &places, &mut file, &provenance)?;
+        let total = join(&folder, out, grid, &tiles, &mut file, &provenance)?;
         if let Some((number, _)) = total.thickest {
-            let (observation, around) = self.seen(&mut file, grid, &places[number], images)?;
-            if let Some(observation) = observation {
-                let estimate = infer(&self.network, &observation, &around)?;
+            if let Some(observation) = seen(&mut file, &tiles[number], images)? {
+                let estimate = infer(&self.network, &observation, &tiles[number].around)?;
                 self.args.network.warn_of_unusual_images(&self.network, &observation, &estimate)?;
                 self.args.network.warn_of_ends(&estimate);
             }
@@ -91,53 +80,36 @@ impl Run<'_> {
         &self,
         file: &mut ImagesFile,
         grid: &Grid,
-        place: &Place,
+        tile: &Tile,
         mask: Option<&Mask>,
         images: &Path,
     ) -> Result<Estimate> {
-        let [rows, cols] = place;
-        let tile = grid.part(rows.clone(), cols.clone())?;
-        let (Some(observation), around) = self.seen(file, grid, place, images)? else {
-            return Ok(Estimate { extinction: Volume::constant(tile, 0.0), uncertainty: None });
+        let (rows, cols) = (tile.rows.clone(), tile.cols.clone());
+        let own = grid.part(rows.clone(), cols.clone())?;
+        let Some(observation) = seen(file, tile, images)? else {
+            return Ok(Estimate { extinction: Volume::constant(own, 0.0), uncertainty: None });
         };
-        let estimate =
-            infer(&self.network, &observation, &around).map_err(Error::in_file(images))?;
-        let first = ((tile.origin - around.origin) / grid.spacing).round();
-        let [row, col] = [first.y as usize, first.x as usize];
-        let inner = |volume: &Volume| volume.part(row..row + rows.len(), col..col + cols.len());
+        let estimate = infer(&self.network, &observation, &tile.around);
+        let estimate = estimate.map_err(Error::in_file(images))?;
+        let [inner_rows, inner_cols] = tile.inner(grid);
+        let inner = |volume: &Volume| volume.part(inner_rows.clone(), inner_cols.clone());
         let mut estimate = Estimate {
             extinction: inner(&estimate.extinction)?,
             uncertainty: estimate.uncertainty.as_ref().map(inner).transpose()?,
         };
         let mask = match mask {
-            Some(mask) => Some(mask.part(rows.clone(), cols.clone())?),
-            None => self.carved(images, &observation, &tile)?,
+            Some(mask) => Some(mask.part(rows, cols)?),
+            None => self.carved(images, &observation, &own)?,
         };
         mask.map_or(Ok(()), |mask| apply(&mask, &mut estimate))?;
         Ok(estimate)
     }
+}
 
-    /// The parts of the images that have an influence on the estimate of a tile, unless there are none,
-    /// and the grid of the tile with the columns around it.
-    fn seen(
-        &self,
-        file: &mut ImagesFile,
-        grid: &Grid,
-        place: &Place,
-        images: &Path,
-    ) -> Result<(Option<Observation>, Grid)> {
-        let halo = self.network.halo(grid) + MARGIN;
-        let [_, all_rows, all_cols] = grid.shape;
-        let widened = |range: &Range<usize>, all: usize| {
-            range.start.saturating_sub(halo)..(range.end + halo).min(all)
-        };
-        let around = grid.part(widened(&place[0], all_rows), widened(&place[1], all_cols))?;
-        let beyond = BEYOND * DVec3::new(grid.spacing.x, grid.spacing.y, 0.0);
-        let corners = [around.lower() - beyond, around.upper() + beyond];
-        let shown = pixels_that_show(file.views(), corners);
-        let part = |[rows, cols]: Place| file.part(rows, cols).map_err(Error::in_file(images));
-        Ok((shown.map(part).transpose()?, around))
-    }
+/// The parts of the images that have an influence on the estimate of a tile, unless there are none.
+fn seen(file: &mut ImagesFile, tile: &Tile, images: &Path) -> Result<Option<Observation>> {
+    let part = |[rows, cols]: [Range<usize>; 2]| file.part(rows, cols);
+    tile.pixels.clone().map(part).transpose().map_err(Error::in_file(images))
 }
 
 /// Join the tiles in one file.
@@ -145,18 +117,18 @@ fn join(
     folder: &Path,
     out: &Path,
     grid: &Grid,
-    places: &[Place],
+    tiles: &[Tile],
     file: &mut ImagesFile,
     provenance: &Provenance,
 ) -> Result<Total> {
     let mut total = Total::default();
-    let first = read_estimate(tile(folder, 0))?;
+    let first = read_estimate(path_of(folder, 0))?;
     total.has_uncertainty = first.uncertainty.is_some();
     let corner = file.part(0..1, 0..1)?;
     let joined = EstimateFile::create(out, grid, total.has_uncertainty, Some(&corner), provenance)?;
-    for (number, place) in places.iter().enumerate() {
-        let estimate = read_estimate(tile(folder, number))?;
-        joined.write([place[0].start, place[1].start], &estimate)?;
+    for (number, tile) in tiles.iter().enumerate() {
+        let estimate = read_estimate(path_of(folder, number))?;
+        joined.write([tile.rows.start, tile.cols.start], &estimate)?;
         total.add(number, &estimate);
     }
     joined.finish()?;
@@ -183,6 +155,7 @@ fn beside(out: &Path) -> PathBuf {
     name.into()
 }
 
-fn tile(folder: &Path, number: usize) -> PathBuf {
+/// The file of a tile.
+fn path_of(folder: &Path, number: usize) -> PathBuf {
     folder.join(format!("{number}.nc"))
 }

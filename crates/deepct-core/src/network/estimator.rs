@@ -19,6 +19,9 @@ const FINE_PIXEL: f64 = 0.67;
 /// receptive field, whose padding with zeros would otherwise change the estimate at the edges.
 const MARGIN: usize = 8;
 
+/// Columns over which images with small pixels are averaged, on each side.
+const AVERAGED: usize = 2;
+
 /// Share of the extinction above and below which a first estimate is cut off to find the altitudes
 /// of the cloud.
 const TAIL: f64 = 0.005;
@@ -137,7 +140,7 @@ impl Estimator {
                 (architecture.layers, widest / narrow)
             }
         };
-        (layers as f64 * voxels).ceil() as usize
+        (layers as f64 * voxels).ceil() as usize + AVERAGED
     }
 
     /// Estimates the extinction (1/km) of the cloud in `images` (radiance, in the unit of the solar

@@ -5,6 +5,7 @@ mod light;
 mod local;
 mod meeting;
 mod surface;
+mod tiles;
 mod view;
 mod view_list;
 
@@ -13,8 +14,9 @@ pub use light::{DropletOpticsModel, ExtinctionModel, Light, LightTable, PhaseMod
 pub use local::camera_from_ecef;
 pub use meeting::Meeting;
 pub use surface::{Surface, Waves};
+pub use tiles::Tile;
 pub(crate) use view::Projector;
-pub use view::{Projection, View, pixels_that_show, target};
+pub use view::{Projection, View, target};
 pub use view_list::{VIEW_FILE_HELP, ViewList};
 
 use crate::error::{Error, Result};

@@ -159,6 +159,18 @@ impl View {
         Self { rows, cols, ..self }.with_shift(shift)
     }
 
+    /// The view of a larger image of `[rows, cols]` pixels, of which this one is the part that begins at
+    /// the pixel `first`; the inverse of [`View::part`].
+    ///
+    /// # Errors
+    /// Returns an error if the image is not larger.
+    pub fn enlarged(self, first: [usize; 2], [rows, cols]: [usize; 2]) -> Result<Self> {
+        let whole = Self { rows, cols, ..self };
+        let part = whole.part(first, [self.rows, self.cols])?;
+        let shift = [0, 1].map(|axis| self.shift[axis] - (part.shift[axis] - whole.shift[axis]));
+        whole.with_shift(shift)
+    }
+
     /// The view of the same image with another target (km), from which the image is shifted. For a
     /// perspective camera, the image plane is turned to be normal to the line of sight to the new
     /// target.
@@ -376,7 +388,7 @@ impl Projector {
 
 /// The rows and columns of the images that show a box between two corners (km), the same for all
 /// views; `None` if no image shows it. The images are of one size.
-pub fn pixels_that_show(views: &[View], corners: [DVec3; 2]) -> Option<[Range<usize>; 2]> {
+pub(super) fn pixels_that_show(views: &[View], corners: [DVec3; 2]) -> Option<[Range<usize>; 2]> {
     let first = views.first()?;
     let size = [first.rows, first.cols].map(|pixels| pixels as f64);
     let mut found = [[f64::INFINITY, f64::NEG_INFINITY]; 2];
@@ -526,6 +538,8 @@ mod tests {
             ] {
                 let part = whole.part([2, 6], [12, 30]).unwrap().part([1, 4], [9, 20]).unwrap();
                 assert_eq!((part.rows, part.cols, part.shift), (9, 20, [-8.5, 0.0]));
+                assert_eq!(part.enlarged([3, 10], [32, 40]).unwrap(), whole);
+                assert!(part.enlarged([3, 10], [11, 40]).is_err());
                 let (one, other) = (whole.ray(4.5, 17.25), part.ray(1.5, 7.25));
                 assert!(one.origin.distance(other.origin) < 1e-9);
                 assert!(one.direction.distance(other.direction) < 1e-12);

@@ -62,6 +62,7 @@ from ._deepct import (
     sense,
     set_threads,
 )
+from ._fields import infer
 
 __all__ = [
     "Carved",
@@ -86,6 +87,7 @@ __all__ = [
     "generate_cloud",
     "hybrid",
     "import_cloud",
+    "infer",
     "invert",
     "plot",
     "read_cloud",

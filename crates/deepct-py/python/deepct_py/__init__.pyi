@@ -11,6 +11,7 @@ _Point = tuple[float, float, float]
 _Floats = NDArray[np.float32]
 _Marks = NDArray[np.bool_]
 # Numbers of a tuple, a list or an array.
+_Ends = tuple[int, int]
 _Numbers = Union[Sequence[float], NDArray[Any]]
 _Progress = Union[bool, Callable[[dict[str, Any]], object]]
 _Extinction = Union[ArrayLike, "Cloud", "Estimate", "Reconstruction"]
@@ -254,6 +255,7 @@ class View:
     @property
     def shift(self) -> tuple[float, float]: ...
     def part(self, first: _Numbers, size: _Numbers) -> View: ...
+    def enlarged(self, first: _Numbers, size: _Numbers) -> View: ...
     def project(self, point: _Numbers) -> Optional[tuple[float, float]]: ...
     def ray(self, row: float, col: float) -> tuple[_Point, _Point]: ...
     def _repr_html_(self) -> str: ...
@@ -506,6 +508,15 @@ class Estimate:
 
 def read_volume(path: _Path) -> Estimate: ...
 
+def infer(
+    images: Any,
+    network: Union[Network, _Path] = "general",
+    *,
+    grid: Optional[Grid] = None,
+    carve: bool = False,
+    side: int = 512,
+) -> Any: ...
+
 @final
 class Network:
     def __new__(cls, weights: Union[str, bytes] = "general", *, force: bool = False) -> Network: ...
@@ -516,6 +527,9 @@ class Network:
     @property
     def metadata(self) -> dict[str, Any]: ...
     def grid(self, views: _Views) -> Grid: ...
+    def tiles(
+        self, views: _Views, grid: Grid, side: int
+    ) -> list[tuple[_Ends, _Ends, Grid, Optional[tuple[_Ends, _Ends]]]]: ...
     def infer(
         self,
         radiance: _Images,

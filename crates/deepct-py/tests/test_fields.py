@@ -1,0 +1,81 @@
+"""Fields that are larger than the memory, estimated as dask arrays."""
+
+import os
+import signal
+
+import numpy as np
+import pytest
+
+import deepct_py
+
+xarray = pytest.importorskip("xarray")
+pytest.importorskip("dask.array")
+
+ROWS, COLS = 24, 150
+
+
+@pytest.fixture(scope="module")
+def observation():
+    """A row of clouds, six columns in every twenty, seen by four parallel cameras."""
+    target = (0.025 * COLS, 0.025 * ROWS, 1.0)
+    angles = [(0, 0), (35, 80), (35, 260), (20, 170)]
+    views = [deepct_py.View.orthographic(*angle, target, 0.05, (ROWS, COLS)) for angle in angles]
+    view, row, col = np.indices((len(views), ROWS, COLS))
+    cloudy = (row >= 9) & (row < 15) & ((col + view) % 20 < 6)
+    radiance = np.where(cloudy, 0.15 + 0.01 * ((col // 20) % 5), 0.02)
+    return deepct_py.Observation(radiance, views, deepct_py.Light())
+
+
+@pytest.fixture(scope="module")
+def file(observation, tmp_path_factory):
+    path = tmp_path_factory.mktemp("fields") / "images.nc"
+    observation.to_netcdf(path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def whole(observation):
+    return deepct_py.Network.load().estimate(observation)
+
+
+def check(field, whole):
+    largest = whole.extinction.max()
+    assert largest > 1.0
+    np.testing.assert_allclose(field.extinction, whole.extinction, atol=1e-4 * largest)
+    np.testing.assert_allclose(field.x, whole.grid.x)
+    assert field.extinction.dims == ("z", "y", "x") and field.extinction.units == "km-1"
+
+
+def test_a_field_is_computed_when_it_is_needed(file, whole):
+    with xarray.open_dataset(file, chunks={"row": 16, "col": 40}) as images:
+        field = deepct_py.infer(images, side=64)
+        assert field.extinction.chunks == ((32,), (24,), (64, 64, 22))
+        check(field, whole)
+        assert set(field) == {"extinction", "uncertainty"}
+        part = field.extinction[:, 3:9, 70:80].compute()
+        np.testing.assert_array_equal(part, field.extinction.compute()[:, 3:9, 70:80])
+
+
+def test_rows_from_the_north_and_bare_pixels(file, whole):
+    with xarray.open_dataset(file, chunks={}) as images:
+        check(deepct_py.infer(images.isel(row=slice(None, None, -1)), side=64), whole)
+        bare = images.drop_vars(["row", "col", "target_row", "target_col"])
+        check(deepct_py.infer(bare, side=64), whole)
+
+
+def test_the_mask_is_carved_tile_by_tile(file, whole, observation):
+    mask = deepct_py.carve(observation, grid=whole.grid).mask
+    with xarray.open_dataset(file, chunks={}) as images:
+        field = deepct_py.infer(images, side=64, carve=True).extinction.compute()
+    assert 0.01 < mask.mean() < 0.6
+    assert not field.values[~mask].any()
+
+
+def test_a_cluster_gives_the_same_also_if_a_worker_is_killed(file, whole):
+    distributed = pytest.importorskip("distributed")
+    cluster = distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None)
+    with cluster, distributed.Client(cluster) as client, xarray.open_dataset(file, chunks={}) as images:
+        field = client.persist(deepct_py.infer(images, side=20))
+        killed = next(iter(client.run(os.getpid).values()))
+        os.kill(killed, signal.SIGKILL)
+        check(field.compute(), whole)
