@@ -37,6 +37,11 @@ pub(crate) struct Global {
 }
 
 impl Global {
+    /// The same options for a part of a computation that reports no progress of its own.
+    pub(crate) fn silent(&self) -> Self {
+        Self { quiet: true, ..self.clone() }
+    }
+
     /// Sets the limits of this process, and starts the global thread pool that runs all parallel
     /// work.
     pub(crate) fn start(&self) -> Result<()> {

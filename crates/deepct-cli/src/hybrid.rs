@@ -1,14 +1,20 @@
 //! `deepct hybrid`: inversion that starts from the estimate of the network.
 
+use crate::config::Values;
+use crate::field::{Field, given_mask, part_of};
 use crate::global::Global;
-use crate::inversion::{Flags, Job};
+use crate::inversion::{Flags, InvertSettings, Job};
 use crate::light::resolve_light;
-use crate::network::NetworkFlags;
+use crate::network::{NetworkFlags, network_grid};
 use crate::outcome::Outcome;
-use deepct_core::conv;
-use deepct_core::io::read_observation;
-use deepct_core::{Error, Result};
-use std::path::PathBuf;
+use crate::summary;
+use deepct_core::carve::carve;
+use deepct_core::grid::{Grid, Volume};
+use deepct_core::io::{ImagesFile, Provenance, read_observation};
+use deepct_core::network::{Estimate, Estimator};
+use deepct_core::scene::{Observation, Tile};
+use deepct_core::{Error, Result, conv, files};
+use std::path::{Path, PathBuf};
 
 /// Reconstruct the extinction of a cloud by an inversion that starts from the network estimate
 ///
@@ -18,6 +24,9 @@ use std::path::PathBuf;
 ///
 /// `deepct config invert` prints the settings of the solver, the optimiser and its stopping
 /// criteria.
+///
+/// Fields of more than 144 columns along a side are computed and written tile by tile, each with the
+/// columns around it. If the command is interrupted, repeat it to continue.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
     /// File of images
@@ -31,31 +40,135 @@ pub(crate) struct Args {
     flags: Flags,
 }
 
+/// Number of rows and columns of a tile of a large field.
+const TILE: usize = 96;
+
+/// Columns around a tile that are computed with it. Lines of sight at 45 degrees cross them within the
+/// height of a cumulus, and the light that they exchange with the tile is small.
+const HALO: usize = 24;
+
 pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let (mut settings, given) = args.flags.resolve()?;
     if args.quick {
         settings.inversion = settings.inversion.quick();
     }
     let network = args.network.estimator(conv::Settings::default(), global.force)?;
-    let grid = args.network.grid()?;
-    let mut observation = read_observation(&args.images)?;
-    resolve_light(&mut observation, &args.images, &given, global.quiet)?;
-    let start = observation
-        .imaging_geometry()
-        .and_then(|geometry| network.estimate(&observation.images, &geometry, grid.as_ref()))
-        .map_err(Error::in_file(&args.images))?;
-    args.network.warn_of_unusual_images(&network, &observation, &start)?;
-    args.network.warn_of_ends(&start);
-    let job = Job {
-        quick: args.quick,
-        what: "hybrid",
-        images: &args.images,
-        flags: &args.flags,
-        settings,
-        observation,
-        grid: start.extinction.grid,
-        start: start.into(),
-        init: args.network.weights.display().to_string(),
-    };
-    job.run(global)
+    let file = ImagesFile::open(&args.images)?;
+    let grid = network_grid(&network, args.network.grid()?, &file);
+    let grid = grid.map_err(Error::in_file(&args.images))?;
+    let run = Run { args, global, network, settings, given };
+    let [_, rows, cols] = grid.shape;
+    match rows.max(cols) > TILE + 2 * HALO {
+        true => run.field(file, grid),
+        false => run.whole(grid),
+    }
+}
+
+/// What both ways have in common.
+struct Run<'a> {
+    args: &'a Args,
+    global: &'a Global,
+    network: Estimator,
+    settings: InvertSettings,
+    /// Values of the scene illumination that replace those of the images.
+    given: Values,
+}
+
+impl<'a> Run<'a> {
+    fn whole(&self, grid: Grid) -> Result<Outcome> {
+        let Self { args, global, network, .. } = self;
+        let mut observation = read_observation(&args.images)?;
+        resolve_light(&mut observation, &args.images, &self.given, global.quiet)?;
+        let start = self.start(&observation, &grid).map_err(Error::in_file(&args.images))?;
+        args.network.warn_of_unusual_images(network, &observation, &start)?;
+        args.network.warn_of_ends(&start);
+        self.job(observation, start).run(global)
+    }
+
+    /// The inversion of a field tile by tile.
+    fn field(&self, mut file: ImagesFile, grid: Grid) -> Result<Outcome> {
+        let Self { args, global, network, .. } = self;
+        let images = &args.images;
+        let mut corner = file.part(0..1, 0..1)?;
+        resolve_light(&mut corner, images, &self.given, global.quiet)?;
+        let light = corner.light.clone();
+        let mask = args.flags.mask().map(|path| given_mask(path, &grid)).transpose()?;
+        let tiles = Tile::all(file.views(), &grid, TILE, HALO)?;
+        let configuration = self.provenance(corner, &grid)?;
+        let provenance = Provenance {
+            title: "Extinction by inversion".into(),
+            configuration,
+            seed: global.seed,
+        };
+        let out = args.flags.out();
+        let mut field = Field { file, images, grid, tiles, out, provenance };
+        let quiet = global.silent();
+        let total = field.compute(global, |observation, tile| {
+            let observation = Observation { light: light.clone(), ..observation.clone() };
+            let start = self.start(&observation, &tile.around)?;
+            let mask = match &mask {
+                Some(mask) => part_of(mask, tile)?,
+                None => carve(&observation, &tile.around, &self.settings.carve)?.mask,
+            };
+            let extinction = self.job(observation, start).tile(&quiet, &mask, &grid)?;
+            Ok(Estimate { extinction, uncertainty: None })
+        })?;
+        if let Some((observation, tile)) = field.thickest(&total)? {
+            let start = self.start(&observation, &tile.around)?;
+            args.network.warn_of_unusual_images(network, &observation, &start)?;
+            args.network.warn_of_ends(&start);
+        }
+        let summary = Summary { images, out, shape: grid.shape, largest: total.largest };
+        args.flags.form.print(&summary, global);
+        Ok(Outcome::Success)
+    }
+
+    /// The parameters of a run, with the checksum of the images, which identify the tiles.
+    fn provenance(&self, corner: Observation, grid: &Grid) -> Result<String> {
+        let grid = grid.part(0..1, 0..1)?;
+        let start = Estimate { extinction: Volume::constant(grid, 0.0), uncertainty: None };
+        let job = self.job(corner, start);
+        let checksum = files::sha256(&self.args.images)?;
+        Ok(format!("images_sha256 = \"{checksum}\"\n{}", job.resolved(&self.settings)))
+    }
+
+    /// The estimate of the network, from which the inversion starts.
+    fn start(&self, observation: &Observation, grid: &Grid) -> Result<Estimate> {
+        let geometry = observation.imaging_geometry()?;
+        self.network.estimate(&observation.images, &geometry, Some(grid))
+    }
+
+    fn job(&self, observation: Observation, start: Estimate) -> Job<'a> {
+        let args = self.args;
+        Job {
+            quick: args.quick,
+            what: "hybrid",
+            images: &args.images,
+            flags: &args.flags,
+            settings: self.settings.clone(),
+            observation,
+            grid: start.extinction.grid,
+            start: start.into(),
+            init: args.network.weights.display().to_string(),
+        }
+    }
+}
+
+/// What is printed about a field.
+#[derive(Debug, serde::Serialize)]
+struct Summary<'a> {
+    images: &'a Path,
+    out: &'a Path,
+    /// `[z, y, x]`.
+    shape: [usize; 3],
+    /// Largest extinction (1/km).
+    largest: f32,
+}
+
+impl summary::Summary for Summary<'_> {
+    fn say(&self) {
+        let [levels, rows, cols] = self.shape;
+        say!("grid     {levels} levels of {rows} x {cols} columns");
+        say!("largest  {:.3} km-1", self.largest);
+    }
 }

@@ -1,21 +1,20 @@
 //! `deepct infer`: extinction of a cloud from its images, by the network.
 
-mod tiles;
-
 use crate::config;
 use crate::defaults;
+use crate::field::{Field, given_mask, part_of};
 use crate::files::Files;
 use crate::global::Global;
-use crate::network::NetworkFlags;
+use crate::network::{NetworkFlags, network_grid};
 use crate::outcome::Outcome;
 use crate::summary;
 use deepct_core::carve::{CarveSettings, carve};
-use deepct_core::conv;
 use deepct_core::grid::{Grid, Mask, Volume};
-use deepct_core::io::{ImagesFile, Provenance, read_mask, read_observation, write_estimate};
+use deepct_core::io::{ImagesFile, Provenance, read_observation, write_estimate};
 use deepct_core::network::{Estimate, Estimator};
-use deepct_core::scene::{Observation, imaging_geometry};
+use deepct_core::scene::{Observation, Tile};
 use deepct_core::{Error, Result};
+use deepct_core::{conv, files};
 use std::path::{Path, PathBuf};
 
 /// Reconstruct the extinction of a cloud with the network
@@ -104,9 +103,12 @@ impl Run<'_> {
     /// Estimate the extinction for one file of images, and write it.
     fn file(&self, images: &Path, out: &Path) -> Result<Summary> {
         let file = ImagesFile::open(images)?;
-        let grid = self.grid_of(&file).map_err(Error::in_file(images))?;
-        if grid.tiles(TILE).len() > 1 {
-            return self.tiles(file, &grid, [images, out]);
+        let grid = network_grid(&self.network, self.grid, &file);
+        let grid = grid.map_err(Error::in_file(images))?;
+        let tiles = Tile::all(file.views(), &grid, TILE, self.network.halo(&grid))?;
+        if tiles.len() > 1 {
+            let provenance = self.provenance(images, Some(&files::sha256(images)?));
+            return self.field(Field { file, images, grid, tiles, out, provenance });
         }
         let Self { args, network, .. } = self;
         let observation = read_observation(images)?;
@@ -136,14 +138,34 @@ impl Run<'_> {
         })
     }
 
-    /// The requested grid, or that of the network for these images.
-    fn grid_of(&self, file: &ImagesFile) -> Result<Grid> {
-        let views = file.views();
-        let size = [views[0].rows, views[0].cols];
-        match self.grid {
-            Some(grid) => Ok(grid),
-            None => self.network.grid(&imaging_geometry(file.light(), views)?, size),
+    /// Estimate the extinction tile by tile.
+    fn field(&self, mut field: Field) -> Result<Summary> {
+        let Self { args, network, global, .. } = self;
+        let mask = args.mask.as_deref().map(|path| given_mask(path, &field.grid)).transpose()?;
+        let images = field.images;
+        let total = field.compute(global, |observation, tile| {
+            let mut estimate = infer(network, observation, &tile.around)?;
+            let mask = match &mask {
+                Some(mask) => Some(part_of(mask, tile)?),
+                None => self.carved(images, observation, &tile.around)?,
+            };
+            mask.map_or(Ok(()), |mask| apply(&mask, &mut estimate))?;
+            Ok(estimate)
+        })?;
+        if let Some((observation, tile)) = field.thickest(&total)? {
+            let estimate = infer(network, &observation, &tile.around)?;
+            args.network.warn_of_unusual_images(network, &observation, &estimate)?;
+            args.network.warn_of_ends(&estimate);
         }
+        Ok(Summary {
+            images: images.into(),
+            out: field.out.into(),
+            shape: field.grid.shape,
+            altitudes_km: [field.grid.lower().z, field.grid.upper().z],
+            largest: total.largest,
+            expected_epsilon: total.expected_relative_error(),
+            rounding: None,
+        })
     }
 
     /// The mask that the images permit, if it is requested.
@@ -257,20 +279,6 @@ fn infer(network: &Estimator, observation: &Observation, grid: &Grid) -> Result<
 fn apply(mask: &Mask, estimate: &mut Estimate) -> Result<()> {
     mask.apply(&mut estimate.extinction)?;
     estimate.uncertainty.as_mut().map_or(Ok(()), |values| mask.apply(values))
-}
-
-/// The mask in a file, which must be on the grid of the estimate.
-fn given_mask(path: &Path, grid: &Grid) -> Result<Mask> {
-    let mask = read_mask(path)?;
-    if mask.grid.matches(grid) {
-        return Ok(mask);
-    }
-    let remedy = "carve a mask on the grid of the network's estimate, or use --carve";
-    let what = format!("{}: grid of the mask", path.display());
-    let text = |grid: &Grid| {
-        format!("{:?} voxels of {} km from {} km", grid.shape, grid.spacing, grid.origin)
-    };
-    Err(Error::mismatch(what, text(grid), text(&mask.grid), remedy))
 }
 
 /// Parameters of the run, recorded in the output file.

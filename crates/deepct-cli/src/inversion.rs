@@ -17,6 +17,7 @@ use deepct_core::inversion::{
 use deepct_core::io::{
     Provenance, inversion_identity, read_checkpoint, read_cloud, read_mask, write_reconstruction,
 };
+use deepct_core::math::DVec3;
 use deepct_core::scene::{Light, Observation};
 use deepct_core::transport::OrdinatesSettings;
 use deepct_core::{Error, Result};
@@ -43,7 +44,7 @@ pub(crate) struct Flags {
     #[arg(long, value_name = "V.nc")]
     out: PathBuf,
     #[command(flatten)]
-    form: Form,
+    pub(crate) form: Form,
     #[command(flatten)]
     settings: config::Settings,
     #[command(flatten)]
@@ -51,6 +52,16 @@ pub(crate) struct Flags {
 }
 
 impl Flags {
+    /// The file to write.
+    pub(crate) fn out(&self) -> &Path {
+        &self.out
+    }
+
+    /// The file of the given mask.
+    pub(crate) fn mask(&self) -> Option<&Path> {
+        self.mask.as_deref()
+    }
+
     /// The settings of the run, and the values of the scene illumination that replace those in the
     /// file of the images.
     pub(crate) fn resolve(&self) -> Result<(InvertSettings, Values)> {
@@ -137,8 +148,7 @@ impl Job<'_> {
     /// Runs the inversion, writes the output file and prints a summary.
     pub(crate) fn run(mut self, global: &Global) -> Result<Outcome> {
         let flags = self.flags;
-        self.settings.inversion.iterations =
-            flags.iterations.unwrap_or(self.settings.inversion.iterations);
+        self.settings.inversion.iterations = self.iterations();
         let mask = self.mask()?;
         let unseen = mask.count() - shown(&mask, &self.observation)?.count();
         if unseen > 0 && unseen < mask.count() {
@@ -160,7 +170,7 @@ impl Job<'_> {
             );
         }
         let reconstruction = self
-            .invert(global, &problem, (&checkpoint, &identity))
+            .invert(global, &problem, Some((&checkpoint, &identity)))
             .map_err(Error::in_file(self.images))?;
         let provenance = Provenance {
             title: "Extinction by inversion".into(),
@@ -189,7 +199,7 @@ impl Job<'_> {
         &self,
         global: &Global,
         problem: &Problem,
-        kept: (&Path, &str),
+        kept: Option<(&Path, &str)>,
     ) -> Result<Reconstruction> {
         let mut models = self.models()?;
         let settings = &self.settings.inversion;
@@ -198,12 +208,29 @@ impl Job<'_> {
             _ => settings.coarse.len() * settings.coarse_iterations,
         };
         let steps = settings.iterations + coarse;
-        let watch = InversionProgress::start(global, self.what, steps, Some(kept));
-        if self.flags.resume && kept.0.exists() {
-            let checkpoint = read_checkpoint(kept.0, kept.1)?;
+        let watch = InversionProgress::start(global, self.what, steps, kept);
+        if let Some((path, identity)) = kept.filter(|(path, _)| self.flags.resume && path.exists())
+        {
+            let checkpoint = read_checkpoint(path, identity)?;
             return resume(problem, &mut models, (&self.start, checkpoint), settings, &watch);
         }
         invert(problem, &mut models, &self.start, settings, &watch)
+    }
+
+    /// Runs the inversion of a tile of a field, within a mask. Nothing is known of what is beyond the
+    /// tile: the pixels of lines of sight that pass through it are left out.
+    pub(crate) fn tile(mut self, global: &Global, mask: &Mask, field: &Grid) -> Result<Volume> {
+        self.settings.inversion.iterations = self.iterations();
+        self.observation = within(self.observation, &self.grid, field)?;
+        let problem = Problem { observation: &self.observation, mask, truth: None };
+        if shown(mask, &self.observation)?.count() == 0 {
+            return Ok(Volume::constant(self.grid, 0.0));
+        }
+        Ok(self.invert(global, &problem, None)?.extinction)
+    }
+
+    fn iterations(&self) -> usize {
+        self.flags.iterations.unwrap_or(self.settings.inversion.iterations)
     }
 
     fn truth(&self, path: &Path) -> Result<Volume> {
@@ -244,7 +271,7 @@ impl Job<'_> {
         ))
     }
 
-    fn resolved(&self, settings: &InvertSettings) -> String {
+    pub(crate) fn resolved(&self, settings: &InvertSettings) -> String {
         let resolved = Resolved {
             images: self.images,
             init: &self.init,
@@ -263,6 +290,28 @@ impl Job<'_> {
         settings.inversion.change = 0.0;
         self.resolved(&settings)
     }
+}
+
+/// The observation of a part of a field, without the pixels whose lines of sight pass through other
+/// parts of it.
+fn within(observation: Observation, part: &Grid, field: &Grid) -> Result<Observation> {
+    let (lower, upper) = (part.lower(), part.upper());
+    // Beyond the sides of the field, there is nothing.
+    let tolerance = 1e-6 * field.spacing;
+    let [west, south] = [0, 1].map(|axis| lower[axis] > field.lower()[axis] + tolerance[axis]);
+    let [east, north] = [0, 1].map(|axis| upper[axis] < field.upper()[axis] - tolerance[axis]);
+    let leaves = |point: DVec3| {
+        (west && point.x < lower.x)
+            || (south && point.y < lower.y)
+            || (east && point.x > upper.x)
+            || (north && point.y > upper.y)
+    };
+    let views = observation.views.clone();
+    observation.without(|[view, row, col]| {
+        let ray = views[view].ray(row as f64 + 0.5, col as f64 + 0.5);
+        let at = |altitude: f64| ray.at((altitude - ray.origin.z) / ray.direction.z);
+        leaves(at(lower.z)) || leaves(at(upper.z))
+    })
 }
 
 /// The path of the checkpoint file of an output file.

@@ -17,6 +17,7 @@ mod defaults;
 mod demo;
 mod examples;
 mod experiment;
+mod field;
 mod files;
 mod formats;
 mod global;

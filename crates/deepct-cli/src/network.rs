@@ -1,9 +1,9 @@
 //! Options of the verbs that use a network.
 
 use deepct_core::grid::Grid;
-use deepct_core::io::{GENERAL_WEIGHTS, load_trained_weights, read_grid};
+use deepct_core::io::{GENERAL_WEIGHTS, ImagesFile, load_trained_weights, read_grid};
 use deepct_core::network::{Estimate, Estimator};
-use deepct_core::scene::Observation;
+use deepct_core::scene::{Observation, imaging_geometry};
 use deepct_core::{Result, conv};
 use std::path::PathBuf;
 
@@ -80,5 +80,21 @@ impl NetworkFlags {
     /// The requested grid.
     pub(crate) fn grid(&self) -> Result<Option<Grid>> {
         self.grid.as_deref().map(read_grid).transpose()
+    }
+}
+
+/// The requested grid, or that of the network for the images of a file.
+pub(crate) fn network_grid(
+    network: &Estimator,
+    requested: Option<Grid>,
+    file: &ImagesFile,
+) -> Result<Grid> {
+    let views = file.views();
+    match requested {
+        Some(grid) => Ok(grid),
+        None => {
+            let size = [views[0].rows, views[0].cols];
+            network.grid(&imaging_geometry(file.light(), views)?, size)
+        }
     }
 }

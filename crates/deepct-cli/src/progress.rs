@@ -109,7 +109,7 @@ const PATIENCE: Duration = Duration::from_millis(800);
 
 /// Installs a Ctrl-C handler: the first Ctrl-C stops the computation and keeps the results so far,
 /// a second one ends the program, as does the first one where the computation does not notice it.
-fn stop_when_asked() {
+pub(crate) fn stop_when_asked() {
     // If no handler can be installed, Ctrl-C ends the program.
     let _ = ctrlc::set_handler(|| {
         if STOP.is_requested() {

@@ -263,6 +263,23 @@ impl Observation {
         Ok(Self { saturated: any.then_some(saturated), ..self })
     }
 
+    /// The observation without the pixels `[view, row, col]` that `is_left_out` selects.
+    ///
+    /// # Errors
+    /// Returns an error if the standard error is unknown.
+    pub fn without(self, is_left_out: impl Fn([usize; 3]) -> bool) -> Result<Self> {
+        let Some(mut errors) = self.standard_error else {
+            let range = "known, to leave pixels out";
+            return Err(Error::out_of_range("standard error of the images", "unknown", range));
+        };
+        for ((view, row, col), error) in errors.values.indexed_iter_mut() {
+            if is_left_out([view, row, col]) {
+                *error = f32::INFINITY;
+            }
+        }
+        Ok(Self { standard_error: Some(errors), ..self })
+    }
+
     /// The largest radiance (1/sr) of the pixels that are not left out by an infinite standard error;
     /// negative infinity if all are.
     pub fn brightest(&self) -> f64 {
