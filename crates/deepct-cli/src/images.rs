@@ -80,7 +80,7 @@ struct Summary {
     /// Smallest and largest radiance (1/sr).
     radiance: [f32; 2],
     saturated_pixels: usize,
-    left_out_pixels: usize,
+    missing_pixels: usize,
     has_standard_error: bool,
     sun_zenith_deg: f64,
     sun_azimuth_deg: f64,
@@ -153,7 +153,6 @@ impl Summary {
                 (low.min(*value), high.max(*value))
             });
         let saturated_pixels = saturated.iter().flatten().filter(|marked| **marked).count();
-        let errors = standard_error.iter().flat_map(|errors| &errors.values);
         let summaries = views.iter().enumerate().map(|(number, view)| ViewSummary {
             zenith_deg: view.zenith().to_degrees(),
             azimuth_deg: view.azimuth().to_degrees(),
@@ -176,7 +175,7 @@ impl Summary {
             shape: images.shape(),
             radiance: [low, high],
             saturated_pixels,
-            left_out_pixels: errors.filter(|error| error.is_infinite()).count(),
+            missing_pixels: images.values.iter().filter(|radiance| radiance.is_nan()).count(),
             has_standard_error: standard_error.is_some(),
             sun_zenith_deg: light.sun.zenith.to_degrees(),
             sun_azimuth_deg: light.sun.azimuth.to_degrees(),
@@ -199,11 +198,11 @@ impl Summary {
         let [low, high] = self.radiance;
         let errors = if self.has_standard_error { "with" } else { "without" };
         say!("radiance       {low:.5} to {high:.5} sr-1, {errors} standard errors");
-        if self.saturated_pixels + self.left_out_pixels > 0 {
+        if self.saturated_pixels + self.missing_pixels > 0 {
             say!(
-                "pixels         {} saturated, {} left out",
+                "pixels         {} saturated, {} missing",
                 self.saturated_pixels,
-                self.left_out_pixels
+                self.missing_pixels
             );
         }
         say!(

@@ -221,7 +221,7 @@ impl Job<'_> {
     /// tile: the pixels of lines of sight that pass through it are left out.
     pub(crate) fn tile(mut self, global: &Global, mask: &Mask, field: &Grid) -> Result<Volume> {
         self.settings.inversion.iterations = self.iterations();
-        self.observation = within(self.observation, &self.grid, field)?;
+        self.observation = within(self.observation, &self.grid, field);
         let problem = Problem { observation: &self.observation, mask, truth: None };
         if shown(mask, &self.observation)?.count() == 0 {
             return Ok(Volume::constant(self.grid, 0.0));
@@ -294,7 +294,7 @@ impl Job<'_> {
 
 /// The observation of a part of a field, without the pixels whose lines of sight pass through other
 /// parts of it.
-fn within(observation: Observation, part: &Grid, field: &Grid) -> Result<Observation> {
+fn within(observation: Observation, part: &Grid, field: &Grid) -> Observation {
     let (lower, upper) = (part.lower(), part.upper());
     // Beyond the sides of the field, there is nothing.
     let tolerance = 1e-6 * field.spacing;

@@ -42,12 +42,13 @@ impl NetworkFlags {
         observation: &Observation,
         estimate: &Estimate,
     ) -> Result<()> {
-        let known = observation.known();
-        let (left_out, pixels) = (known.iter().filter(|known| !**known).count(), known.len());
-        if left_out > FEW_PIXELS.max(pixels / 1000) {
+        let (known, missing) = (observation.known(), observation.images.missing());
+        let unknown = known.iter().zip(&missing).filter(|(known, missing)| !**known && !**missing);
+        let (unknown, pixels) = (unknown.count(), known.len());
+        if unknown > FEW_PIXELS.max(pixels / 1000) {
             note!(
-                "deepct: warning: {left_out} of {pixels} pixels are saturated or left out by an infinite \
-                 standard error; the network takes their radiances as measured"
+                "deepct: warning: {unknown} of {pixels} pixels are saturated, or their standard error is \
+                 above the brightest radiance; the network takes their radiances as measured"
             );
         }
         let geometry = observation.imaging_geometry()?;

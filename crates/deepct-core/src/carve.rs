@@ -4,7 +4,8 @@
 //! the surface, as shaded sides of clouds are (and shadows, which are then in the mask). A view votes for a voxel if at least one
 //! cloudy pixel overlaps the projection of the voxel, and against it if the whole projection is
 //! inside the image and no cloudy pixel overlaps it. A view abstains if its image contains only a
-//! part of the projection and no cloud there, because the rest of the voxel is outside the frame.
+//! part of the projection and no cloud there, because the rest of the voxel is outside the frame or in
+//! pixels that are missing.
 
 mod footprint;
 mod threshold;
@@ -127,15 +128,22 @@ pub fn carve(observation: &Observation, grid: &Grid, settings: &CarveSettings) -
         let mask = Mask::new(*grid, Array3::from_elem(grid.shape, true))?;
         return Ok(Carved { mask, thresholds, is_bright_ground, contrast, beside: 0.0 });
     }
-    // Pixels whose radiance is not known, because they are saturated or defective, may show cloud.
+    // Saturated pixels show cloud, others whose radiance is not known tell nothing.
     let known = observation.known();
     let is_cloudy = |view: usize| {
         let mut cloudy = observation
             .images
             .image(view)
             .mapv(|radiance| radiance > thresholds[view] || radiance < shaded_by_view[view]);
-        cloudy.zip_mut_with(&known.index_axis(Axis(0), view), |cloudy, known| *cloudy |= !known);
-        CloudyPixels::new(cloudy)
+        let known = known.index_axis(Axis(0), view);
+        cloudy.zip_mut_with(&known, |cloudy, known| *cloudy &= known);
+        let mut unknown = known.mapv(|known| !known);
+        if let Some(saturated) = &observation.saturated {
+            let saturated = saturated.index_axis(Axis(0), view);
+            cloudy.zip_mut_with(&saturated, |cloudy, saturated| *cloudy |= saturated);
+            unknown.zip_mut_with(&saturated, |unknown, saturated| *unknown &= !saturated);
+        }
+        CloudyPixels::new(cloudy, unknown)
     };
     let cloudy: Vec<CloudyPixels> = (0..observation.views.len()).map(is_cloudy).collect();
     let looks: Vec<_> = observation.views.iter().map(View::projector).zip(cloudy).collect();
@@ -391,6 +399,32 @@ mod tests {
             errors[[0, 1, 0]] = error;
             observation.standard_error = Some(ViewStack { values: errors });
             assert_eq!(carve(&observation, &grid, &settings(0.1, 1.0)).unwrap().mask.count(), kept);
+        }
+    }
+
+    /// A view without the pixels of a voxel is as if it did not show it, even where most views see clear sky.
+    #[test]
+    fn a_missing_pixel_does_not_vote() {
+        let grid = Grid::new(DVec3::ZERO, DVec3::splat(0.05), [1, 4, 4]).unwrap();
+        let view = View::orthographic(DVec3::Z, grid.center(), 0.05, [4, 4]).unwrap();
+        let kept = |agreement: f64, values: [f32; 3]| {
+            let mut images = Array3::zeros((3, 4, 4));
+            images.slice_mut(s![.., 0, 0]).fill(1.0);
+            values.iter().enumerate().for_each(|(view, value)| images[[view, 2, 1]] = *value);
+            let images = ViewStack::with_missing(images).unwrap();
+            let seen = Observation::new(Sun::default(), vec![view; 3], images).unwrap();
+            carve(&seen, &grid, &settings(0.5, agreement)).unwrap().mask.values[[0, 2, 1]]
+        };
+        let missing = f32::NAN;
+        for (agreement, values, expected) in [
+            (0.5, [1.0, 0.0, missing], true),
+            (0.6, [1.0, 0.0, missing], false),
+            (0.6, [1.0, 0.0, 1.0], true),
+            (1.0, [1.0, missing, missing], true),
+            (0.1, [0.0, missing, missing], false),
+            (1.0, [missing; 3], true),
+        ] {
+            assert_eq!(kept(agreement, values), expected, "{agreement} {values:?}");
         }
     }
 

@@ -1,27 +1,68 @@
 //! Stacks of images and the description of their geometry.
 
+mod fill;
+
 use crate::error::{Error, Result};
-use ndarray::{Array3, ArrayView2, Axis};
+use fill::{fill, share_in_gaps};
+use ndarray::{Array2, Array3, ArrayView2, Axis, s};
 use serde::{Deserialize, Serialize};
+use std::borrow::Cow;
 
 /// One image: the radiance of each pixel (1/sr), array `[row, col]`. Rows increase to the north and
 /// columns to the east.
 pub type Image<'a> = ArrayView2<'a, f32>;
 
 /// The images of one scene from several views, all of the same size.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone)]
 pub struct ViewStack {
-    /// Radiance (1/sr), `[view, row, col]`.
+    /// Radiance (1/sr), `[view, row, col]`; NaN for a pixel that is missing.
     pub values: Array3<f32>,
 }
 
+impl PartialEq for ViewStack {
+    /// Whether all values are equal; missing pixels equal each other.
+    fn eq(&self, other: &Self) -> bool {
+        let same = |(one, other): (&f32, &f32)| one == other || (one.is_nan() && other.is_nan());
+        self.shape() == other.shape() && self.values.iter().zip(&other.values).all(same)
+    }
+}
+
 impl ViewStack {
-    /// Creates a stack from its values.
+    /// Creates a stack without missing pixels from its values.
     ///
     /// # Errors
     /// An empty axis or a value that is not finite.
     pub fn new(values: Array3<f32>) -> Result<Self> {
         Self::checked(values, "radiance", f32::is_finite, "finite")
+    }
+
+    /// Creates a stack from values that are NaN for missing pixels.
+    ///
+    /// # Errors
+    /// An empty axis or an infinite value.
+    pub fn with_missing(values: Array3<f32>) -> Result<Self> {
+        Self::checked(
+            values,
+            "radiance",
+            |value| !value.is_infinite(),
+            "finite, or NaN where missing",
+        )
+    }
+
+    /// Creates a stack of images of different sizes. The smaller ones are in the middle of missing pixels;
+    /// if the difference is odd, there is one more of them after the image than before it.
+    ///
+    /// # Errors
+    /// As [`ViewStack::with_missing`].
+    pub fn of_images(images: &[Array2<f32>]) -> Result<Self> {
+        let most = |axis: usize| images.iter().map(|image| image.shape()[axis]).max().unwrap_or(0);
+        let mut values = Array3::from_elem((images.len(), most(0), most(1)), f32::NAN);
+        for (image, mut whole) in images.iter().zip(values.outer_iter_mut()) {
+            let (rows, cols) = image.dim();
+            let [row, col] = first_of_padded([rows, cols], [whole.nrows(), whole.ncols()]);
+            whole.slice_mut(s![row..row + rows, col..col + cols]).assign(image);
+        }
+        Self::with_missing(values)
     }
 
     /// Creates a stack of the standard errors of images (1/sr). The standard error of a pixel that is
@@ -67,10 +108,45 @@ impl ViewStack {
         self.values.index_axis(Axis(0), view)
     }
 
+    /// Whether each pixel is missing.
+    pub fn missing(&self) -> Array3<bool> {
+        self.values.mapv(f32::is_nan)
+    }
+
+    /// Whether no pixel of a view is known.
+    pub fn is_empty(&self, view: usize) -> bool {
+        self.image(view).iter().all(|value| value.is_nan())
+    }
+
+    /// The images with missing pixels interpolated from the known ones of the same view, such that each
+    /// has the mean of its neighbours (a discrete harmonic function). Beyond the last known pixels, their
+    /// values continue. A view without known pixels becomes 0.
+    pub fn filled(&self) -> Cow<'_, Self> {
+        if !self.values.iter().any(|value| value.is_nan()) {
+            return Cow::Borrowed(self);
+        }
+        let mut filled = self.clone();
+        filled.values.outer_iter_mut().for_each(fill);
+        Cow::Owned(filled)
+    }
+
+    /// The share of the pixels that are missing in gaps of the images: without a known pixel within two
+    /// rows and columns. Missing rows and columns at the edges are no gaps, but make an image smaller.
+    pub fn share_in_gaps(&self) -> f64 {
+        let shares = self.values.outer_iter().map(share_in_gaps);
+        shares.sum::<f64>() / self.values.len_of(Axis(0)) as f64
+    }
+
     /// The largest radiance in all views (1/sr).
     pub fn brightest(&self) -> f32 {
         self.values.iter().copied().fold(f32::NEG_INFINITY, f32::max)
     }
+}
+
+/// The first row and column of an image of `size` rows and columns in the middle of a larger one, see
+/// [`ViewStack::of_images`].
+pub fn first_of_padded(size: [usize; 2], whole: [usize; 2]) -> [usize; 2] {
+    [0, 1].map(|axis| (whole[axis] - size[axis]) / 2)
 }
 
 /// The imaging geometry of a stack of images in numbers. Network weights are trained for one such
@@ -113,6 +189,21 @@ pub struct ImagingGeometry {
 }
 
 impl ImagingGeometry {
+    /// The geometry of some of the views.
+    pub fn of_views(&self, chosen: &[usize]) -> Self {
+        fn some<T: Clone>(all: &[T], chosen: &[usize]) -> Vec<T> {
+            chosen.iter().filter_map(|view| all.get(*view).cloned()).collect()
+        }
+        let views = ViewGeometry {
+            view_zenith_deg: some(&self.views.view_zenith_deg, chosen),
+            view_azimuth_deg: some(&self.views.view_azimuth_deg, chosen),
+            pixel_km: some(&self.views.pixel_km, chosen),
+            camera_distance_km: some(&self.views.camera_distance_km, chosen),
+            ..self.views
+        };
+        Self { views, shifts: some(&self.shifts, chosen), ..self.clone() }
+    }
+
     /// The horizontal position (x, y; km) of the middle of the images, with pixels as wide as the
     /// smallest: that of the target unless the images are shifted.
     pub fn middle_km(&self) -> [f64; 2] {

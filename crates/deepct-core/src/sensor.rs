@@ -251,7 +251,7 @@ pub fn sense(
     pixels.par_chunks_mut(cols).enumerate().for_each(|(line, pixels)| {
         let (view, row) = ((line / rows) as u64, (line % rows) as u64);
         let mut random = stream(seed, Purpose::Sensor, &[view, row]);
-        for radiance in pixels {
+        for radiance in pixels.iter_mut().filter(|radiance| !radiance.is_nan()) {
             let electrons = f64::from(*radiance) * electrons_per_radiance;
             let read = sensor.read(electrons, &read_noise, &mut random);
             *radiance = (read / electrons_per_radiance) as f32;
@@ -260,10 +260,13 @@ pub fn sense(
     let brightest = (sensor.saturation() / electrons_per_radiance) as f32;
     let saturated = sensed.mapv(|radiance| radiance >= brightest);
     let noise = sensed.mapv(|radiance| {
+        if radiance.is_nan() {
+            return f32::INFINITY;
+        }
         let electrons = (f64::from(radiance) * electrons_per_radiance).max(0.0);
         (sensor.variance(electrons).sqrt() / electrons_per_radiance) as f32
     });
-    let (images, noise) = (ViewStack::new(sensed)?, ViewStack::of_errors(noise)?);
+    let (images, noise) = (ViewStack::with_missing(sensed)?, ViewStack::of_errors(noise)?);
     Ok(Sensed { images, noise, saturated, electrons_per_radiance })
 }
 

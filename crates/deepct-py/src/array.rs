@@ -3,13 +3,14 @@
 
 use crate::grid::Grid;
 use deepct_core::grid;
+use deepct_core::image::first_of_padded;
 use deepct_core::io::unit_factor;
 use deepct_core::math::DVec3;
 use numpy::ndarray::Array3;
 use numpy::{IntoPyArray, PyArray3, PyArrayMethods};
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
-use pyo3::types::{PyDict, PyList, PyTuple};
+use pyo3::types::{PyDict, PyList, PySlice, PyTuple};
 
 /// The axes of a volume.
 const VOLUME: [&str; 3] = ["z", "y", "x"];
@@ -30,13 +31,14 @@ fn unit_of(name: &str) -> (&'static str, bool) {
     }
 }
 
-/// The values of a stack of images: real numbers.
+/// The values of a stack of images: real numbers. Masked values are NaN, and a list of images of different
+/// sizes is padded by NaN.
 ///
 /// # Errors
 /// `TypeError` if `object` does not hold real numbers; `ValueError` if it does not have three axes, or
 /// has the units of another quantity.
 pub(crate) fn images(object: &Bound<'_, PyAny>, name: &str) -> PyResult<Array3<f32>> {
-    numbers(&Argument::new(object, name, IMAGES)?, name)
+    numbers(&Argument::new(object, name, IMAGES)?.filled(f64::NAN)?, name)
 }
 
 /// The values of a stack of images in the unit of a solar irradiance that is not 1, which numbers do not
@@ -45,7 +47,7 @@ pub(crate) fn images(object: &Bound<'_, PyAny>, name: &str) -> PyResult<Array3<f
 /// # Errors
 /// As [`images`], except for the units.
 pub(crate) fn images_in_any_unit(object: &Bound<'_, PyAny>, name: &str) -> PyResult<Array3<f32>> {
-    reals(&Argument::new(object, name, IMAGES)?, name, 1.0)
+    reals(&Argument::new(object, name, IMAGES)?.filled(f64::NAN)?, name, 1.0)
 }
 
 /// Marks of the pixels of a stack of images: booleans, or the numbers 0 and 1.
@@ -53,7 +55,7 @@ pub(crate) fn images_in_any_unit(object: &Bound<'_, PyAny>, name: &str) -> PyRes
 /// # Errors
 /// As [`images`]; `ValueError` if there are other numbers.
 pub(crate) fn marks(object: &Bound<'_, PyAny>, name: &str) -> PyResult<Array3<bool>> {
-    booleans(&Argument::new(object, name, IMAGES)?, name)
+    booleans(&Argument::new(object, name, IMAGES)?.filled(0.0)?, name)
 }
 
 /// The values of a volume, and the grid on which they are if the argument states it.
@@ -155,6 +157,54 @@ impl<'py> Argument<'py> {
         let values = in_order(object, name, axes)?;
         let grid = if axes == VOLUME { stated_grid(&values, name)? } else { None };
         Ok(Self { values, grid, axes })
+    }
+
+    /// The argument with masked images filled, and with images of different sizes in a list padded, by
+    /// `missing`.
+    fn filled(self, missing: f64) -> PyResult<Self> {
+        if self.axes != IMAGES {
+            return Ok(self);
+        }
+        let py = self.values.py();
+        let numpy = py.import("numpy")?;
+        let masked = numpy.getattr("ma")?;
+        let fill = |part: &Bound<'py, PyAny>| -> PyResult<Bound<'py, PyAny>> {
+            let kind = masked.getattr("MaskedArray")?;
+            if !part.is_instance(&kind)? {
+                return Ok(part.clone());
+            }
+            let dtype = numpy.call_method1("result_type", (part.getattr("dtype")?, "float32"))?;
+            part.call_method1("astype", (dtype,))?.call_method1("filled", (missing,))
+        };
+        let is_list =
+            self.values.is_instance_of::<PyList>() || self.values.is_instance_of::<PyTuple>();
+        if !is_list {
+            let values = fill(&self.values)?;
+            return Ok(Self { values, ..self });
+        }
+        let parts: Vec<_> =
+            self.values.try_iter()?.map(|part| fill(&part?)).collect::<PyResult<_>>()?;
+        let shapes: Vec<Vec<usize>> = parts
+            .iter()
+            .map(|part| numpy.call_method1("shape", (part,))?.extract())
+            .collect::<PyResult<_>>()?;
+        let is_ragged = shapes.iter().any(|shape| *shape != shapes[0]);
+        if !is_ragged || shapes.iter().any(|shape| shape.len() != 2) {
+            let values = PyList::new(py, parts)?.into_any();
+            return Ok(Self { values, ..self });
+        }
+        let most = |axis: usize| shapes.iter().map(|shape| shape[axis]).max().unwrap_or(0);
+        let whole = [most(0), most(1)];
+        let padded = numpy.call_method1("full", ((parts.len(), whole[0], whole[1]), missing))?;
+        for ((number, part), shape) in parts.iter().enumerate().zip(&shapes) {
+            let first = first_of_padded([shape[0], shape[1]], whole);
+            let range = |axis: usize| {
+                let start = first[axis] as isize;
+                PySlice::new(py, start, start + shape[axis] as isize, 1)
+            };
+            padded.set_item((number, range(0), range(1)), part)?;
+        }
+        Ok(Self { values: padded, ..self })
     }
 
     /// The argument as an array of NumPy with three axes and one of the given kinds of numbers.

@@ -22,14 +22,16 @@ use std::path::{Path, PathBuf};
 ///
 /// Parameters
 /// ----------
-/// radiance : array, [view, row, col]
-///     Images (1/sr, or the unit of the solar irradiance of the light per steradian).
+/// radiance : array [view, row, col], or list of arrays [row, col]
+///     Images (1/sr, or the unit of the solar irradiance of the light per steradian). Pixels that are NaN,
+///     masked or of an infinite standard error are missing. Images of different sizes become the middle
+///     of images of one size, whose other pixels are missing.
 /// views : Views or sequence of View
 ///     The camera of each image.
 /// light : Light, optional
 ///     Scene illumination. Default: `Light()`.
 /// standard_error : array, [view, row, col], optional
-///     Standard error of each pixel (1/sr); infinite for pixels that are left out.
+///     Standard error of each pixel (1/sr); infinite for pixels that are to be left out.
 /// saturated : array of bool, [view, row, col], optional
 ///     The pixels that are saturated: they are at least as bright as their radiance.
 ///
@@ -46,7 +48,7 @@ use std::path::{Path, PathBuf};
 /// 0.672
 #[pyclass(frozen, subclass, module = "deepct_py")]
 pub(crate) struct Observation {
-    /// Images (1/sr): numpy.ndarray, float32, [view, row, col].
+    /// Images (1/sr), NaN for missing pixels: numpy.ndarray, float32, [view, row, col].
     #[pyo3(get)]
     radiance: Py<PyArray3<f32>>,
     /// The camera of each image.
@@ -55,8 +57,8 @@ pub(crate) struct Observation {
     /// Scene illumination of the images.
     #[pyo3(get)]
     light: Light,
-    /// Standard error of each pixel (1/sr), infinite for pixels that are left out: numpy.ndarray,
-    /// float32, [view, row, col]; None if it is unknown.
+    /// Standard error of each pixel (1/sr), infinite for missing pixels: numpy.ndarray, float32, [view,
+    /// row, col]; None if it is unknown.
     #[pyo3(get)]
     standard_error: Option<Py<PyArray3<f32>>>,
     /// The pixels that are saturated: numpy.ndarray, bool, [view, row, col]; None if no pixel is known
@@ -219,7 +221,7 @@ pub(crate) fn observation(
     check_pixels(radiance, given.saturated.as_ref(), "saturated")?;
     let is_relative = given.light.as_ref().is_none_or(|light| light.core.sun.irradiance == 1.0);
     let values = if is_relative { images } else { images_in_any_unit };
-    let stack = ViewStack::new(values(radiance, "radiance")?).map_err(raise)?;
+    let stack = ViewStack::with_missing(values(radiance, "radiance")?).map_err(raise)?;
     let views = given.views.ok_or_else(|| {
         PyTypeError::new_err("views is missing: give the camera of each image, or an Observation")
     })?;
@@ -237,17 +239,11 @@ fn assembled(
     standard_error: Option<Array3<f32>>,
     saturated: Option<Array3<bool>>,
 ) -> deepct_core::Result<scene::Observation> {
-    let images = ViewStack::new(radiance)?;
+    let images = ViewStack::with_missing(radiance)?;
     let mut observed = scene::Observation::new(light.core, views, images)?;
     observed.assumed = light.assumed;
     if let Some(errors) = standard_error {
-        let (found, expected) = (errors.shape().to_vec(), observed.images.shape());
-        if found != expected {
-            let range = format!("{expected:?}, that of the radiance");
-            let what = "shape of standard_error";
-            return Err(deepct_core::Error::out_of_range(what, format!("{found:?}"), range));
-        }
-        observed.standard_error = Some(ViewStack::of_errors(errors)?);
+        observed = observed.with_standard_error(errors)?;
     }
     match saturated {
         None => Ok(observed),

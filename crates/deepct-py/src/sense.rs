@@ -298,7 +298,7 @@ pub(crate) fn sense<'py>(
     let errors = standard_error.map(|errors| images(&errors, "standard_error")).transpose()?;
     let sensed = interruptibly(py, move || {
         let errors = errors.map(ViewStack::of_errors).transpose()?;
-        sensor::sense(&ViewStack::new(radiance)?, errors.as_ref(), &sensor, scale, seed)
+        sensor::sense(&ViewStack::with_missing(radiance)?, errors.as_ref(), &sensor, scale, seed)
     })?;
     let sensed = Sensed {
         radiance: give(py, sensed.images.values),

@@ -6,6 +6,7 @@ import subprocess
 import sys
 import threading
 import time
+import warnings
 
 import deepct_py as deepct
 import numpy as np
@@ -119,11 +120,10 @@ class OnlyDLPack:
 def test_arrays_that_cannot_be_used_are_refused(scene):
     cloud, views, rendering = scene
     network = deepct.Network.load("cloudct-10")
-    masked = np.ma.masked_greater(rendering.radiance, 0.05)
     for radiance, error, message in [
-        (masked, ValueError, "masked"),
         (rendering.radiance > 0.05, TypeError, "bool"),
-        (np.where(rendering.radiance > 0.05, np.nan, rendering.radiance), ValueError, "finite"),
+        (np.where(rendering.radiance > 0.05, np.inf, rendering.radiance), ValueError, "finite"),
+        (np.full_like(rendering.radiance, np.nan), ValueError, "weights of one formation need all images"),
         (rendering.radiance.astype(complex), TypeError, "complex"),
         (np.zeros((10, 0, 0)), ValueError, "at least 1"),
         (OnlyDLPack(rendering.radiance), TypeError, r"numpy\.from_dlpack\(radiance\)"),
@@ -231,6 +231,126 @@ def test_lists_of_masked_arrays_are_refused(scene):
     parts = [np.ma.masked_greater(level, 1.0) for level in extinction]
     with pytest.raises(ValueError, match="masked"):
         deepct.score(extinction, parts)
+
+
+@pytest.fixture(scope="module")
+def sensed():
+    """A cloud and its images by ten cameras with the noise of a sensor."""
+    cloud = deepct.generate_cloud(seed=2)
+    light = deepct.Light(air=True, phase="mie", effective_radius=10.0)
+    views = deepct.Views.load("cloudct-10", (*cloud.grid.center[:2], 1.12))
+    images = deepct.render(cloud.extinction, cloud.grid, views, light, solver="ordinates", accuracy=0.05)
+    return cloud, deepct.sense(images, "cmv4000")
+
+
+def without(images, missing):
+    return images.replace(radiance=np.where(missing, np.nan, images.radiance))
+
+
+def test_missing_pixels_have_many_forms(sensed, tmp_path):
+    images = sensed[1]
+    missing = np.random.default_rng(1).random(images.radiance.shape) < 0.05
+    expected = without(images, missing)
+    assert np.array_equal(np.isnan(expected.radiance), missing)
+    assert np.array_equal(np.isinf(expected.standard_error), missing)
+    errors = np.where(missing, np.inf, images.standard_error)
+    masked = np.ma.array(images.radiance, mask=missing)
+    parts = [np.ma.array(image, mask=mask) for image, mask in zip(images.radiance, missing)]
+    for other in ({"standard_error": errors}, {"radiance": masked}, {"radiance": parts}):
+        assert images.replace(**other) == expected
+    expected.to_netcdf(tmp_path / "images.nc")
+    read = deepct.read_images(tmp_path / "images.nc")
+    assert np.array_equal(read.radiance, expected.radiance, equal_nan=True)
+    again = deepct.sense(deepct.Observation(np.maximum(expected.radiance, 0), images.views), "cmv4000")
+    assert np.array_equal(np.isnan(again.radiance), missing)
+
+
+def test_networks_interpolate_missing_pixels(sensed):
+    cloud, images = sensed
+    truth = cloud.extinction
+    random = np.random.default_rng(2)
+    for name in ("general", "cloudct-10"):
+        network = deepct.Network.load(name)
+        epsilon = {}
+        for share in (0.0, 0.01, 0.05):
+            missing = random.random(images.radiance.shape) < share
+            with warnings.catch_warnings():
+                warnings.simplefilter("error")
+                estimate = network.infer(without(images, missing), grid=cloud.grid)
+            epsilon[share] = deepct.score(truth, estimate).relative_error
+        assert max(epsilon.values()) < min(epsilon.values()) + 0.03, epsilon
+        corner = np.zeros(images.radiance.shape, bool)
+        corner[:, :8, :8] = True
+        with pytest.warns(UserWarning, match="missing pixels in wide gaps, which are interpolated, is 0.035"):
+            network.infer(without(images, corner), grid=cloud.grid)
+
+
+def test_a_view_without_pixels_is_left_out(sensed):
+    cloud, images = sensed
+    missing = np.zeros(images.radiance.shape, bool)
+    missing[4] = True
+    views = [number for number in range(10) if number != 4]
+    nine = deepct.Observation(
+        images.radiance[views],
+        [images.views[view] for view in views],
+        images.light,
+        standard_error=images.standard_error[views],
+        saturated=images.saturated[views],
+    )
+    general = deepct.Network.load("general")
+    left = general.infer(without(images, missing), grid=cloud.grid)
+    assert np.array_equal(left, general.infer(nine, grid=cloud.grid))
+    assert np.array_equal(
+        deepct.carve(without(images, missing), grid=cloud.grid).mask, deepct.carve(nine, grid=cloud.grid).mask
+    )
+    with pytest.raises(ValueError, match="missing in view 4"):
+        deepct.Network.load("cloudct-10").infer(without(images, missing))
+
+
+def test_missing_pixels_neither_carve_nor_invert(sensed):
+    cloud, images = sensed
+    missing = np.random.default_rng(3).random(images.radiance.shape) < 0.2
+    some = without(images, missing)
+    carved, whole = deepct.carve(some, grid=cloud.grid), deepct.carve(images, grid=cloud.grid)
+    cloudy = cloud.extinction > 0.0
+    assert (cloudy & ~carved.mask).sum() <= (cloudy & ~whole.mask).sum()
+    assert whole.mask.sum() < carved.mask.sum() < 3 * whole.mask.sum()
+    # What the missing pixels would show does not matter.
+    strange = images.replace(
+        radiance=np.where(missing, 0.5, images.radiance), standard_error=np.where(missing, np.inf, 1e-3)
+    )
+    known = some.replace(standard_error=np.full(missing.shape, 1e-3))
+    options = {"iterations": 1, "corrections": 1, "coarse": []}
+    answers = [deepct.invert(each, grid=cloud.grid, mask=carved, **options).extinction for each in (strange, known)]
+    assert np.array_equal(*answers) and answers[0].max() > 0.0
+
+
+def test_images_of_different_sizes(sensed):
+    cloud, images = sensed
+    sizes = [(32 - 2 * (view % 3), 32 - view % 4) for view in range(10)]
+    first = [((32 - rows) // 2, (32 - cols) // 2) for rows, cols in sizes]
+    parts = [
+        image[row : row + size[0], col : col + size[1]]
+        for image, (row, col), size in zip(images.radiance, first, sizes)
+    ]
+    views = [view.part(place, size) for view, place, size in zip(images.views, first, sizes)]
+    ragged = deepct.Observation(parts, views, images.light)
+    assert ragged.radiance.shape == (10, 32, 32)
+    for part, (row, col), size, image in zip(parts, first, sizes, ragged.radiance):
+        assert np.array_equal(part, image[row : row + size[0], col : col + size[1]])
+    assert np.isfinite(ragged.radiance).sum() == sum(part.size for part in parts)
+    for view, whole in zip(ragged.views, images.views):
+        np.testing.assert_allclose(view.ray(3.0, 5.0)[1], whole.ray(3.0, 5.0)[1], atol=1e-9)
+    network = deepct.Network.load("general")
+    complete = network.infer(images, grid=cloud.grid)
+    difference = np.abs(network.infer(ragged, grid=cloud.grid) - complete).sum() / complete.sum()
+    assert 0.0 < difference < 0.2, difference
+    carved = deepct.carve(ragged, grid=cloud.grid)
+    assert (cloud.extinction * ~carved.mask).sum() < 0.02 * cloud.extinction.sum()
+    solved = deepct.hybrid(ragged, network=network, grid=cloud.grid, iterations=1, corrections=1)
+    assert deepct.score(cloud.extinction, solved).relative_error < 0.7
+    with pytest.raises(ValueError, match="image size"):
+        deepct.Observation(parts, images.views[:9] + [images.views[9].part((0, 0), (5, 5))], images.light)
 
 
 def test_voxels_that_are_too_thick_are_told(scene):

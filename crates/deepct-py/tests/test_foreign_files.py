@@ -169,7 +169,7 @@ def test_angles_that_were_rounded(files, tmp_path, command_line):
         (-9999.0, "may be the code of a missing value"),
         (-32767.0, "may be the code of a missing value"),
         (1e20, "may be the code of a missing value"),
-        (np.nan, "an infinite radiance_standard_error leaves a pixel out"),
+        (np.inf, "write NaN, or the fill value, where a pixel is missing"),
     ],
 )
 def test_radiances_that_are_codes_of_missing_values(files, tmp_path, command_line, code, words):
@@ -277,3 +277,31 @@ def test_positions_of_cameras_in_whole_numbers(files, tmp_path, command_line):
     images["camera_position"] = images.camera_position.round().astype("int32")
     images.to_netcdf(tmp_path / "own.nc")
     command_line("images", "check", tmp_path / "own.nc")
+
+
+def test_missing_pixels_are_nan_or_the_fill_value(files, tmp_path, command_line, carved):
+    """They do not carve, and are counted."""
+    masks = []
+    for number, fill in enumerate((None, -9999.0)):
+        images = minimal(files["images"])
+        images["radiance"][:, 4:9, 6] = np.nan
+        images["radiance"].encoding = {} if fill is None else {"_FillValue": fill}
+        images.to_netcdf(tmp_path / f"{number}.nc")
+        assert "0 saturated, 50 missing" in command_line("images", "check", tmp_path / f"{number}.nc")
+        masks.append(carved(tmp_path / f"{number}.nc"))
+        command_line("plot", tmp_path / f"{number}.nc", "--out", tmp_path / "plot.png")
+        command_line("convert", tmp_path / f"{number}.nc", tmp_path / "images.exr")
+    assert np.array_equal(*masks)
+    assert (masks[0] >= values(files["mask"], "mask")).all()
+
+
+def test_padded_images(files, tmp_path, command_line, carved):
+    """Images of different sizes in one array."""
+    whole = minimal(files["images"])
+    middle = (np.array([whole.sizes["row"], whole.sizes["col"]]) - 1) / 2
+    images = whole.pad(row=(0, 5), col=(2, 0), constant_values=np.nan)
+    for name, place in (("target_row", middle[0]), ("target_col", middle[1] + 2)):
+        images[name] = ("view", np.full(10, place))
+    images["camera_position"] = whole.camera_position
+    images.to_netcdf(tmp_path / "padded.nc")
+    assert np.array_equal(carved(tmp_path / "padded.nc"), values(files["mask"], "mask"))

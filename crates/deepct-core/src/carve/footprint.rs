@@ -72,37 +72,50 @@ fn corner(grid: &Grid, [k, j, i]: [usize; 3]) -> DVec3 {
     grid.origin + grid.spacing * DVec3::new(i as f64, j as f64, k as f64)
 }
 
-/// The cloudy pixels of an image.
+/// The cloudy pixels of an image, and those that may or may not be.
 pub(super) struct CloudyPixels {
-    cloudy: Array2<bool>,
-    /// Summed-area table: the number of cloudy pixels in all rows and columns before an index.
-    sums: Array2<u32>,
+    cloudy: MarkedPixels,
+    unknown: Option<MarkedPixels>,
 }
 
 impl CloudyPixels {
-    pub(super) fn new(cloudy: Array2<bool>) -> Self {
-        let (rows, cols) = cloudy.dim();
+    pub(super) fn new(cloudy: Array2<bool>, unknown: Array2<bool>) -> Self {
+        let any = unknown.iter().any(|unknown| *unknown);
+        let unknown = any.then(|| MarkedPixels::new(unknown));
+        Self { cloudy: MarkedPixels::new(cloudy), unknown }
+    }
+}
+
+/// Pixels of an image that are marked.
+struct MarkedPixels {
+    marks: Array2<bool>,
+    /// Summed-area table: the number of marked pixels in all rows and columns before an index.
+    sums: Array2<u32>,
+}
+
+impl MarkedPixels {
+    fn new(marks: Array2<bool>) -> Self {
+        let (rows, cols) = marks.dim();
         let mut sums = Array2::zeros((rows + 1, cols + 1));
-        for ((row, col), &cloudy) in cloudy.indexed_iter() {
+        for ((row, col), &marked) in marks.indexed_iter() {
             sums[[row + 1, col + 1]] =
-                u32::from(cloudy) + sums[[row, col + 1]] + sums[[row + 1, col]] - sums[[row, col]];
+                u32::from(marked) + sums[[row, col + 1]] + sums[[row + 1, col]] - sums[[row, col]];
         }
-        Self { cloudy, sums }
+        Self { marks, sums }
     }
 
-    /// Whether a point is in the interior of a cloudy pixel.
-    fn is_cloudy_at(&self, point: DVec2) -> bool {
+    /// Whether a point is in the interior of a marked pixel.
+    fn is_marked_at(&self, point: DVec2) -> bool {
         let pixel = point.floor();
         let within = point - pixel;
         let inside = within.cmpgt(DVec2::splat(TOUCH)).all()
             && within.cmplt(DVec2::splat(1.0 - TOUCH)).all()
             && pixel.cmpge(DVec2::ZERO).all();
         // Casts from floats saturate, so points beyond the frame do not index a pixel.
-        inside
-            && self.cloudy.get([pixel.x as usize, pixel.y as usize]).is_some_and(|cloudy| *cloudy)
+        inside && self.marks.get([pixel.x as usize, pixel.y as usize]).is_some_and(|marked| *marked)
     }
 
-    /// Number of cloudy pixels in a rectangle.
+    /// Number of marked pixels in a rectangle.
     fn count(&self, rows: &Range<usize>, cols: &Range<usize>) -> u32 {
         if rows.is_empty() || cols.is_empty() {
             return 0;
@@ -148,13 +161,14 @@ impl Footprint {
     }
 
     /// The common vote of all voxels of a block with this footprint, if there is one: the footprint
-    /// must be completely inside the frame, and either none or all of the pixels in its rows and
-    /// columns must be cloudy.
+    /// must be completely inside the frame, and all of the pixels in its rows and columns must be cloudy,
+    /// or none of them cloudy or unknown.
     pub(super) fn vote_of_all(&self, image: &CloudyPixels) -> Option<bool> {
         let (inside, [rows, cols]) = self.frame(image);
-        let count = image.count(&rows, &cols) as usize;
-        let clear = count == 0;
-        (inside && (clear || count == rows.len() * cols.len())).then_some(!clear)
+        let count = image.cloudy.count(&rows, &cols) as usize;
+        let unknown = || image.unknown.as_ref().map_or(0, |unknown| unknown.count(&rows, &cols));
+        let is_decided = count == rows.len() * cols.len() || (count == 0 && unknown() == 0);
+        (inside && is_decided).then_some(count > 0)
     }
 
     /// Its ranges of rows and columns in an image of this shape.
@@ -163,7 +177,7 @@ impl Footprint {
     }
 
     fn frame(&self, image: &CloudyPixels) -> (bool, [Range<usize>; 2]) {
-        self.frame_of(image.cloudy.dim())
+        self.frame_of(image.cloudy.marks.dim())
     }
 
     /// Whether the footprint is completely inside the frame of an image of this shape, and its ranges of
@@ -176,29 +190,42 @@ impl Footprint {
         (inside, [pixels(low.x, high.x, row_count), pixels(low.y, high.y, col_count)])
     }
 
-    /// Whether a cloudy pixel overlaps the footprint; `None` if no cloudy pixel does and the
-    /// footprint is not completely inside the frame.
+    /// Whether a cloudy pixel overlaps the footprint; `None` if no cloudy pixel does, but an unknown one,
+    /// or if the footprint is not completely inside the frame.
     pub(super) fn vote(&self, image: &CloudyPixels) -> Option<bool> {
-        let (inside, [rows, cols]) = self.frame(image);
-        let count = image.count(&rows, &cols);
-        // Inside the frame, at least one pixel within these rows and columns overlaps the
-        // footprint, so no overlap test is needed if all of them are cloudy.
-        let all_cloudy = inside && count as usize == rows.len() * cols.len();
-        if all_cloudy || (count > 0 && self.overlaps_any(image, rows, cols)) {
+        let (inside, pixels) = self.frame(image);
+        if self.overlaps_any(&image.cloudy, inside, &pixels) {
             return Some(true);
         }
-        inside.then_some(false)
+        let is_known = |unknown| !self.overlaps_any(unknown, inside, &pixels);
+        (inside && image.unknown.as_ref().is_none_or(is_known)).then_some(false)
     }
 
-    fn overlaps_any(&self, image: &CloudyPixels, rows: Range<usize>, cols: Range<usize>) -> bool {
-        // The centre or a corner of most footprints is in the interior of a cloudy pixel.
+    /// Whether a marked pixel, among those in its rows and columns, overlaps the footprint.
+    fn overlaps_any(
+        &self,
+        image: &MarkedPixels,
+        inside: bool,
+        [rows, cols]: &[Range<usize>; 2],
+    ) -> bool {
+        let count = image.count(rows, cols);
+        if count == 0 {
+            return false;
+        }
+        // Inside the frame, at least one pixel within these rows and columns overlaps the
+        // footprint, so no overlap test is needed if all of them are marked.
+        if inside && count as usize == rows.len() * cols.len() {
+            return true;
+        }
+        // The centre or a corner of most footprints is in the interior of a marked pixel.
         let middle = self.0.iter().sum::<DVec2>() / self.0.len() as f64;
-        if image.is_cloudy_at(middle) || self.0.iter().any(|corner| image.is_cloudy_at(*corner)) {
+        if image.is_marked_at(middle) || self.0.iter().any(|corner| image.is_marked_at(*corner)) {
             return true;
         }
         let sides = self.sides();
-        rows.flat_map(|row| cols.clone().map(move |col| (row, col)))
-            .any(|(row, col)| image.cloudy[[row, col]] && overlaps(&sides, row, col))
+        rows.clone()
+            .flat_map(|row| cols.clone().map(move |col| (row, col)))
+            .any(|(row, col)| image.marks[[row, col]] && overlaps(&sides, row, col))
     }
 
     /// The normals of the projected edges of the voxel, which include all sides of the footprint.
@@ -305,11 +332,13 @@ mod tests {
                     let footprint = corners.footprint([k, j, i]).unwrap();
                     let polygon = hull(footprint.0.to_vec());
                     for (row, col) in (0..26).flat_map(|row| (0..26).map(move |col| (row, col))) {
-                        let mut cloudy = Array2::from_elem((26, 26), false);
+                        let clear = Array2::from_elem((26, 26), false);
+                        let mut cloudy = clear.clone();
                         cloudy[[row, col]] = true;
                         let shared =
                             shared_area(polygon.clone(), DVec2::new(row as f64, col as f64));
-                        let vote = footprint.vote(&CloudyPixels::new(cloudy)) == Some(true);
+                        let vote =
+                            footprint.vote(&CloudyPixels::new(cloudy, clear.clone())) == Some(true);
                         assert_eq!(
                             vote,
                             shared > 1e-12,

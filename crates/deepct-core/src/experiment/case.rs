@@ -186,7 +186,7 @@ fn select_views(observation: &Observation, formation: &Formation) -> Result<Obse
     let mut selected = Observation::new(
         observation.light.clone(),
         chosen.iter().map(|view| observation.views[*view]).collect(),
-        ViewStack::new(select(&observation.images.values))?,
+        ViewStack::with_missing(select(&observation.images.values))?,
     )?;
     selected.assumed.clone_from(&observation.assumed);
     let errors = observation.standard_error.as_ref();

@@ -8,7 +8,8 @@ use crate::scene::{Observation, View};
 use crate::traverse::walk;
 use ndarray::{Array3, Zip};
 
-/// Images and the standard error of each pixel; the standard error of excluded pixels is infinite.
+/// Images and the standard error of each pixel; the standard error of excluded pixels is infinite, and
+/// the radiance of missing ones is 0.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Measurement {
     images: ViewStack,
@@ -29,8 +30,12 @@ impl Measurement {
     /// Images without light; a standard error whose shape differs from that of the images; no pixel
     /// that is included.
     pub fn new(observation: &Observation, settings: &InversionSettings) -> Result<Self> {
-        let images = observation.images.clone();
-        let brightest = observation.brightest();
+        let missing = observation.images.missing();
+        let mut images = observation.images.clone();
+        let brightest = f64::from(images.brightest());
+        images.values.zip_mut_with(&missing, |radiance, missing| {
+            *radiance = if *missing { 0.0 } else { *radiance };
+        });
         if brightest <= 0.0 {
             return Err(Error::out_of_range("brightest radiance", brightest, "positive (1/sr)"));
         }
@@ -52,7 +57,11 @@ impl Measurement {
         let least = settings.least_error * brightest;
         let standard_error = Zip::from(&noise)
             .and(&relative(settings.model_error))
-            .map_collect(|noise, model| noise.hypot(*model).hypot(least) as f32);
+            .and(&missing)
+            .map_collect(|noise, model, missing| match missing {
+                true => f32::INFINITY,
+                false => noise.hypot(*model).hypot(least) as f32,
+            });
         check_errors(&standard_error)?;
         let nowhere = || Array3::from_elem(images.values.dim(), false);
         let is_bound = observation.saturated.clone().unwrap_or_else(nowhere);
@@ -236,16 +245,20 @@ mod tests {
         assert_eq!(half.pixels(), 1);
         let misfit = half.misfit(&stack(4.0, 9.0)).unwrap();
         assert!((misfit - 1.0 / 0.34).abs() < 1e-6, "{misfit}");
-        let mut partly = seen.clone();
-        partly.standard_error =
-            Some(ViewStack::of_errors(ndarray::array![[[0.3, f32::INFINITY]]]).unwrap());
-        let left = Measurement::new(&partly, &settings).unwrap();
+        let partly = |errors| seen.clone().with_standard_error(errors).unwrap();
+        let left = partly(ndarray::array![[[0.3, f32::INFINITY]]]);
+        let left = Measurement::new(&left, &settings).unwrap();
         assert_eq!(left.pixels(), 1);
         // The errors are 0.3, 0.3 and 0.3: those relative to the largest radiance that is left.
         assert!((left.misfit(&stack(4.0, 9.0)).unwrap() - 1.0 / 0.27).abs() < 1e-6);
-        partly.standard_error =
-            Some(ViewStack::of_errors(Array3::from_elem((1, 1, 2), f32::INFINITY)).unwrap());
-        assert!(Measurement::new(&partly, &settings).is_err());
+        let none = partly(Array3::from_elem((1, 1, 2), f32::INFINITY));
+        assert!(Measurement::new(&none, &settings).is_err());
+        // A radiance that is missing, without standard errors.
+        let mut unknown = Observation { standard_error: None, ..seen.clone() };
+        unknown.images.values[[0, 0, 1]] = f32::NAN;
+        let left = Measurement::new(&unknown, &settings).unwrap();
+        assert_eq!((left.pixels(), left.with_model_error(0.1).pixels()), (1, 1));
+        assert!(left.derivative(&stack(4.0, 9.0)).unwrap().values[[0, 0, 1]] == 0.0);
         // A saturated pixel: only a darker model differs from it.
         let bound = seen.clone().with_saturated(ndarray::array![[[true, false]]]).unwrap();
         let bound = Measurement::new(&bound, &settings).unwrap();

@@ -2,6 +2,7 @@
 
 use crate::error::Result;
 use crate::grid::{Mask, Volume};
+use crate::image::Image;
 use crate::math::DVec3;
 use crate::network::Estimate;
 use crate::scene::{Boundary, Observation, Projector};
@@ -35,19 +36,25 @@ pub fn shown(mask: &Mask, observation: &Observation) -> Result<Mask> {
         return Ok(mask.clone());
     }
     let mut crossed = Array3::from_elem(grid.shape, false);
-    for view in views {
-        for (row, col) in (0..view.rows).flat_map(|row| (0..view.cols).map(move |col| (row, col))) {
+    for (view, image) in views.iter().zip(observation.images.values.outer_iter()) {
+        let known = image.indexed_iter().filter(|(_, radiance)| !radiance.is_nan());
+        for ((row, col), _) in known {
             let ray = view.ray(row as f64 + 0.5, col as f64 + 0.5);
             walk(&grid, &ray).for_each(|step| crossed[step.voxel] = true);
         }
     }
-    let images: Vec<(Projector, [f64; 2])> =
-        views.iter().map(|view| (view.projector(), [view.rows as f64, view.cols as f64])).collect();
+    let images: Vec<(Projector, Image<'_>)> = views
+        .iter()
+        .enumerate()
+        .map(|(number, view)| (view.projector(), observation.images.image(number)))
+        .collect();
     let shows = |point: DVec3| {
-        images.iter().any(|(projector, [rows, cols])| {
+        images.iter().any(|(projector, image)| {
             projector.project(point).is_some_and(|(row, col)| {
-                let inside = |at: f64, size: f64| at > TOUCH && at < size - TOUCH;
-                inside(row, *rows) && inside(col, *cols)
+                let inside = |at: f64, size: usize| at > TOUCH && at < size as f64 - TOUCH;
+                inside(row, image.nrows())
+                    && inside(col, image.ncols())
+                    && !image[[row as usize, col as usize]].is_nan()
             })
         })
     };
@@ -105,6 +112,9 @@ mod tests {
             let images = ViewStack::new(Array3::zeros((views.len(), rows, cols))).unwrap();
             Observation::new(Sun::default(), views, images).unwrap()
         };
+        let mut missing = observe(vec![view]);
+        missing.images.values.fill(f32::NAN);
+        assert_eq!(shown(&mask, &missing).unwrap().count(), 0);
         let found = shown(&mask, &observe(vec![view])).unwrap();
         for ((k, j, i), &inside) in found.values.indexed_iter() {
             assert_eq!(inside, i >= 4 && (k, j, i) != (0, 0, 5), "{k} {j} {i}");

@@ -1,13 +1,14 @@
 //! An estimator: trained weights of either kind, ready for images of any geometry they support.
 
 use super::surface::{above_surface, surface_albedo};
-use super::unusual::{image_statistics, unusual_surface};
+use super::unusual::{image_statistics, unusual_gaps, unusual_surface};
 use super::{Estimate, GeneralMetadata, GeneralWeights, Network, Training, Unusual, Weights};
 use crate::conv::Settings;
 use crate::error::{Error, Result};
 use crate::grid::{Grid, Volume};
 use crate::image::{ImagingGeometry, ViewStack};
 use crate::math::DVec3;
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -160,12 +161,9 @@ impl Estimator {
         geometry: &ImagingGeometry,
         grid: Option<&Grid>,
     ) -> Result<Estimate> {
-        let [views, rows, cols] = images.shape();
-        let expected = geometry.views.view_zenith_deg.len();
-        if views != expected {
-            let remedy = "give one image for each view";
-            return Err(Error::mismatch("number of views", expected, views, remedy));
-        }
+        let (images, geometry) = self.without_missing(images, geometry)?;
+        let (images, geometry) = (&*images, &*geometry);
+        let [_, rows, cols] = images.shape();
         let own = self.grid(geometry, [rows, cols])?;
         let grid = grid.unwrap_or(&own);
         let inner = match &self.weights {
@@ -181,6 +179,35 @@ impl Estimator {
         }
         let uncertainty = estimate.uncertainty.as_ref().map(|volume| volume.resampled(grid));
         Ok(Estimate { extinction: estimate.extinction.resampled(grid), uncertainty })
+    }
+
+    /// The images with missing pixels interpolated. Views without any known pixel are left out, which
+    /// general weights do not need.
+    ///
+    /// # Errors
+    /// A number of images that differs from the number of views; a view without pixels that the weights
+    /// need.
+    fn without_missing<'a>(
+        &self,
+        images: &'a ViewStack,
+        geometry: &'a ImagingGeometry,
+    ) -> Result<(Cow<'a, ViewStack>, Cow<'a, ImagingGeometry>)> {
+        let (views, expected) = (images.shape()[0], geometry.views.view_zenith_deg.len());
+        if views != expected {
+            let remedy = "give one image for each view";
+            return Err(Error::mismatch("number of views", expected, views, remedy));
+        }
+        let empty = (0..views).find(|view| images.is_empty(*view));
+        let Some(view) = empty else { return Ok((images.filled(), Cow::Borrowed(geometry))) };
+        if let TrainedWeights::Formation(_) = &self.weights {
+            let found = format!("missing in view {view}");
+            let range = "partly known: weights of one formation need all images, \
+                         the general ones do not";
+            return Err(Error::out_of_range("all pixels", found, range));
+        }
+        let chosen: Vec<usize> = (0..views).filter(|view| !images.is_empty(*view)).collect();
+        let some = ViewStack { values: images.values.select(ndarray::Axis(0), &chosen) };
+        Ok((Cow::Owned(some.filled().into_owned()), Cow::Owned(geometry.of_views(&chosen))))
     }
 
     /// The estimate on a grid with the voxels and levels of a network.
@@ -238,8 +265,8 @@ impl Estimator {
 
     /// The statistics of images that are outside their range in the training of general weights, for
     /// example because the geometry is not that of the images, because they are saturated or in
-    /// another unit. Empty for general weights that state no ranges; for weights of one formation, the
-    /// surface is compared only. `estimate` is that of the images.
+    /// another unit, and missing pixels in wide gaps. General weights may state no ranges; for weights of
+    /// one formation, the surface and the gaps are compared only. `estimate` is that of the images.
     ///
     /// # Errors
     /// As [`Estimator::estimate`].
@@ -249,21 +276,24 @@ impl Estimator {
         geometry: &ImagingGeometry,
         estimate: &Estimate,
     ) -> Result<Vec<Unusual>> {
+        let mut found: Vec<Unusual> = unusual_gaps(images).into_iter().collect();
+        let (images, geometry) = self.without_missing(images, geometry)?;
+        let (images, geometry) = (&*images, &*geometry);
         let TrainedWeights::General(weights) = &self.weights else {
-            let albedo = surface_albedo(images, geometry)?;
-            return Ok(unusual_surface(albedo).into_iter().collect());
+            found.extend(unusual_surface(surface_albedo(images, geometry)?));
+            return Ok(found);
         };
         let typical = &weights.metadata.typical;
         if typical.is_empty() {
-            return Ok(Vec::new());
+            return Ok(found);
         }
         let statistics = self.image_statistics(images, geometry, estimate)?;
-        let outside = typical.iter().filter_map(|(name, &[low, high])| {
+        found.extend(typical.iter().filter_map(|(name, &[low, high])| {
             let &value = statistics.get(name)?;
             let unusual = Unusual { name: name.clone(), value, typical: [low, high] };
             (!(low..=high).contains(&value)).then_some(unusual)
-        });
-        Ok(outside.collect())
+        }));
+        Ok(found)
     }
 
     /// Statistics of images by name, for general weights:
@@ -288,6 +318,8 @@ impl Estimator {
             let range = "general: others state no statistics of their training images";
             return Err(Error::out_of_range("weights", "for one formation", range));
         };
+        let (images, geometry) = self.without_missing(images, geometry)?;
+        let (images, geometry) = (&*images, &*geometry);
         let grid = &estimate.extinction.grid;
         let inner = self.inner_grid(weights, images, geometry, grid)?;
         if inner.matches(grid) {

@@ -110,7 +110,7 @@ impl Network {
 
     /// As [`Network::estimate`], on a grid with the voxels and levels of the metadata and any
     /// number of columns at any horizontal position. Voxels that an image does not show are
-    /// estimated from the values at its edge.
+    /// estimated from the values at its edge, and missing pixels are interpolated.
     ///
     /// # Errors
     /// As [`Network::infer`]; a grid with other voxels or levels; a grid other than
@@ -140,6 +140,7 @@ impl Network {
             }
         };
         supported.check_same("the estimate", grid)?;
+        let images = &*images.filled();
         let unit = (1.0 / geometry.solar_irradiance) as f32;
         let scaled = (unit != 1.0).then(|| unit * &images.values);
         let radiance = scaled.as_ref().unwrap_or(&images.values).as_standard_layout();

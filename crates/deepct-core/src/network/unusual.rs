@@ -13,6 +13,12 @@ const DARK_SHARE: f64 = 0.1;
 /// The statistic of images for a network of one formation.
 const SURFACE: &str = "surface_albedo";
 
+/// The share of the pixels that are missing in wide gaps ([`ViewStack::share_in_gaps`]), of any weights.
+const GAPS: &str = "gaps";
+
+/// The largest share in gaps with which estimates are as good as from complete images.
+const FEW_GAPS: f64 = 0.01;
+
 /// How well many views are explained, and at most [`FEW`], for which it may be less.
 const EXPLAINED: &str = "explained";
 const EXPLAINED_FEW: &str = "explained_few";
@@ -51,6 +57,7 @@ fn meaning(name: &str) -> &str {
         }
         "brightest" => "the largest radiance over the cosine of the solar zenith angle",
         SURFACE => "the albedo of the surface, which is taken for a cloud if it is bright,",
+        GAPS => "the share of missing pixels in wide gaps, which are interpolated,",
         "equal" => "the largest share of a view's pixels that all have its largest radiance",
         EXPLAINED | EXPLAINED_FEW => {
             "the correlation of the images with the estimate along their lines of sight"
@@ -67,6 +74,13 @@ const DARK_SURFACES: [f64; 2] = [0.0, 0.08];
 pub(super) fn unusual_surface(albedo: f64) -> Option<Unusual> {
     let is_bright = albedo > DARK_SURFACES[1];
     is_bright.then(|| Unusual { name: SURFACE.into(), value: albedo, typical: DARK_SURFACES })
+}
+
+/// The share of the pixels in gaps of the images, if it is large.
+pub(super) fn unusual_gaps(images: &ViewStack) -> Option<Unusual> {
+    let value = images.share_in_gaps();
+    let typical = [0.0, FEW_GAPS];
+    (value > FEW_GAPS).then(|| Unusual { name: GAPS.into(), value, typical })
 }
 
 /// The statistics of images, by name:

@@ -21,9 +21,11 @@ const BAR: i32 = 130;
 /// Half of the length of the arms of a cross (pixels).
 const CROSS: f64 = 9.0;
 const CROSS_COLOUR: Colour = [220, 40, 40];
+/// The colour of missing pixels.
+const MISSING: Colour = [240, 190, 120];
 
 /// Draw all images in one PNG file, with north up and east to the right, on a common grey scale
-/// from zero to the brightest pixel. The label of each image is drawn above it and may have
+/// from zero to the brightest pixel; missing pixels are orange. The label of each image is drawn above it and may have
 /// several lines. `marks` are points `(row, col)` of the images that are marked by a cross, one for each
 /// image or none at all.
 ///
@@ -60,7 +62,11 @@ pub fn contact_sheet(
     let scale = ColourScale::new(colorous::GREYS, f64::from(images.brightest())).reversed();
     let mut page = Page::new(size)?;
     page.text(title, TITLE, Anchor::On, size[0] / 2, 32);
-    page.text("north up, east to the right", LABEL, Anchor::On, size[0] / 2, 66);
+    let orientation = match images.values.iter().any(|value| value.is_nan()) {
+        true => "north up, east to the right; missing pixels are orange",
+        false => "north up, east to the right",
+    };
+    page.text(orientation, LABEL, Anchor::On, size[0] / 2, 66);
     for (view, label) in labels.iter().enumerate() {
         let (column, line) = (view as i32 % across, view as i32 / across);
         let left = GAP + column * cell.0;
@@ -68,7 +74,10 @@ pub fn contact_sheet(
         draw_label(&mut page, label, left + width / 2, top);
         let image = images.image(view);
         let frame = Frame { left, top, width, height };
-        draw_map(&mut page, frame, (rows, cols), |at| scale.colour(f64::from(image[at])));
+        draw_map(&mut page, frame, (rows, cols), |at| match image[at] {
+            radiance if radiance.is_nan() => MISSING,
+            radiance => scale.colour(f64::from(radiance)),
+        });
         if let Some(Some((row, col))) = marks.get(view) {
             let at = DVec2::new(col / cols as f64, 1.0 - row / rows as f64);
             draw_cross(&mut page, frame, at);

@@ -20,11 +20,11 @@ pub use view::{Projection, View, target};
 pub use view_list::{VIEW_FILE_HELP, ViewList};
 
 use crate::error::{Error, Result};
-use crate::image::{ImagingGeometry, ViewGeometry, ViewStack};
+use crate::image::{Image, ImagingGeometry, ViewGeometry, ViewStack, first_of_padded};
 use crate::math::{DVec3, towards};
 use crate::optics::air::Air;
 use crate::optics::{Interpolation, Medium};
-use ndarray::{Array3, Axis};
+use ndarray::{Array3, Axis, Zip};
 
 /// Difference of two altitudes (km) that is due to rounding.
 const ROUNDING: f64 = 1e-9;
@@ -170,10 +170,9 @@ pub struct Observation {
     pub assumed: Vec<String>,
     /// The views, one per image.
     pub views: Vec<View>,
-    /// Radiance (1/sr).
+    /// Radiance (1/sr); NaN for pixels that are missing or left out, such as defective ones.
     pub images: ViewStack,
-    /// Standard error of the radiance (1/sr), infinite for pixels that are left out, such as defective
-    /// ones; `None` if it is unknown.
+    /// Standard error of the radiance (1/sr), infinite for missing pixels; `None` if it is unknown.
     pub standard_error: Option<ViewStack>,
     /// Pixels that are saturated, `[view, row, col]`: they are at least as bright as their radiance.
     /// `None` if no pixel is known to be.
@@ -208,13 +207,22 @@ fn check_radiances(images: &ViewStack, irradiance: f64) -> Result<()> {
     }
 }
 
+/// Whether an image consists of one of this size in the middle of missing pixels.
+fn is_padded(image: Image<'_>, [rows, cols]: [usize; 2]) -> bool {
+    let [top, left] = first_of_padded([rows, cols], [image.nrows(), image.ncols()]);
+    let is_inside =
+        |row, col| (top..top + rows).contains(&row) && (left..left + cols).contains(&col);
+    image.indexed_iter().all(|((row, col), radiance)| is_inside(row, col) || radiance.is_nan())
+}
+
 impl Observation {
     /// An observation without standard error. If `light` is a [`Sun`], all other properties of the
     /// scene illumination have their default values.
     ///
     /// # Errors
     /// Returns an error if the number or the size of the images does not match the views, or if a
-    /// radiance is not that of sunlight.
+    /// radiance is not that of sunlight. Views may be smaller than the images if these are padded
+    /// ([`ViewStack::of_images`]).
     pub fn new(light: impl Into<Light>, views: Vec<View>, images: ViewStack) -> Result<Self> {
         let [count, rows, cols] = images.shape();
         if views.len() != count {
@@ -225,14 +233,20 @@ impl Observation {
                 "give one image per view",
             ));
         }
-        if let Some(view) = views.iter().find(|view| (view.rows, view.cols) != (rows, cols)) {
-            return Err(Error::mismatch(
-                "image size [row, col]",
-                format!("[{}, {}]", view.rows, view.cols),
-                format!("[{rows}, {cols}]"),
-                "give images of the size that the views specify",
-            ));
-        }
+        let sized = |(view, image): (View, Image<'_>)| {
+            let size = [view.rows, view.cols];
+            let padded = view.padded([rows, cols]).ok();
+            padded.filter(|_| is_padded(image, size)).ok_or_else(|| {
+                Error::mismatch(
+                    "image size [row, col]",
+                    format!("{size:?}"),
+                    format!("[{rows}, {cols}]"),
+                    "give images of the size that the views specify",
+                )
+            })
+        };
+        let views = views.into_iter().zip(images.values.outer_iter()).map(sized);
+        let views = views.collect::<Result<_>>()?;
         let light = light.into();
         check_radiances(&images, light.sun.irradiance)?;
         Ok(Self {
@@ -246,7 +260,36 @@ impl Observation {
         })
     }
 
-    /// The observation with its saturated pixels marked.
+    /// The observation with the standard error of its radiances (1/sr). Pixels whose error is infinite or
+    /// not a number become missing.
+    ///
+    /// # Errors
+    /// Returns an error if an error is negative, or if they do not have the shape of the images.
+    pub fn with_standard_error(self, errors: Array3<f32>) -> Result<Self> {
+        let mut errors = errors;
+        if errors.dim() != self.images.values.dim() {
+            return Err(Error::mismatch(
+                "shape [view, row, col] of the standard error",
+                format!("{:?}", self.images.shape()),
+                format!("{:?}", errors.shape()),
+                "give one standard error per pixel",
+            ));
+        }
+        let mut images = self.images;
+        Zip::from(&mut errors).and(&mut images.values).for_each(|error, radiance| {
+            if radiance.is_nan() || error.is_nan() || *error == f32::INFINITY {
+                (*error, *radiance) = (f32::INFINITY, f32::NAN);
+            }
+        });
+        let standard_error = Some(ViewStack::of_errors(errors)?);
+        let known = Self { images, standard_error, saturated: None, ..self };
+        match self.saturated {
+            Some(saturated) => known.with_saturated(saturated),
+            None => Ok(known),
+        }
+    }
+
+    /// The observation with its saturated pixels marked. Missing pixels are not.
     ///
     /// # Errors
     /// Returns an error if the marks do not have the shape of the images.
@@ -259,41 +302,36 @@ impl Observation {
                 "mark every pixel",
             ));
         }
+        let mut saturated = saturated;
+        saturated
+            .zip_mut_with(&self.images.values, |marked, radiance| *marked &= !radiance.is_nan());
         let any = saturated.iter().any(|marked| *marked);
         Ok(Self { saturated: any.then_some(saturated), ..self })
     }
 
-    /// The observation without the pixels `[view, row, col]` that `is_left_out` selects.
-    ///
-    /// # Errors
-    /// Returns an error if the standard error is unknown.
-    pub fn without(self, is_left_out: impl Fn([usize; 3]) -> bool) -> Result<Self> {
-        let Some(mut errors) = self.standard_error else {
-            let range = "known, to leave pixels out";
-            return Err(Error::out_of_range("standard error of the images", "unknown", range));
-        };
-        for ((view, row, col), error) in errors.values.indexed_iter_mut() {
+    /// The observation without the pixels `[view, row, col]` that `is_left_out` selects: they become
+    /// missing.
+    #[must_use]
+    pub fn without(mut self, is_left_out: impl Fn([usize; 3]) -> bool) -> Self {
+        for ((view, row, col), radiance) in self.images.values.indexed_iter_mut() {
             if is_left_out([view, row, col]) {
-                *error = f32::INFINITY;
+                *radiance = f32::NAN;
+                if let Some(errors) = &mut self.standard_error {
+                    errors.values[[view, row, col]] = f32::INFINITY;
+                }
+                if let Some(saturated) = &mut self.saturated {
+                    saturated[[view, row, col]] = false;
+                }
             }
         }
-        Ok(Self { standard_error: Some(errors), ..self })
+        self
     }
 
-    /// The largest radiance (1/sr) of the pixels that are not left out by an infinite standard error;
-    /// negative infinity if all are.
-    pub fn brightest(&self) -> f64 {
-        let errors = self.standard_error.as_ref().map(|errors| &errors.values);
-        let pixels = self.images.values.indexed_iter();
-        let included =
-            pixels.filter(|(place, _)| errors.is_none_or(|errors| errors[*place].is_finite()));
-        included.map(|(_, radiance)| f64::from(*radiance)).fold(f64::NEG_INFINITY, f64::max)
-    }
-
-    /// Whether the radiance of each pixel is known, `[view, row, col]`: it is not saturated, and its
-    /// standard error is below the brightest radiance, so that it tells cloud from clear sky.
+    /// Whether the radiance of each pixel is known, `[view, row, col]`: it is neither missing nor
+    /// saturated, and its standard error is below the brightest radiance, so that it tells cloud from
+    /// clear sky.
     pub fn known(&self) -> Array3<bool> {
-        let mut known = Array3::from_elem(self.images.values.dim(), true);
+        let mut known = self.images.missing().mapv(|missing| !missing);
         if let Some(errors) = &self.standard_error {
             let brightest = self.images.brightest();
             let most = if brightest > 0.0 { brightest } else { f32::INFINITY };

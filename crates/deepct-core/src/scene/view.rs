@@ -1,6 +1,7 @@
 //! A view: one image with its camera geometry.
 
 use crate::error::{Error, Result};
+use crate::image::first_of_padded;
 use crate::math::{DVec3, Ray, zenith_and_azimuth};
 use crate::memory;
 use glam::DVec2;
@@ -152,8 +153,28 @@ impl View {
             let range = format!("within {} x {} pixels, and not empty", self.rows, self.cols);
             return Err(Error::out_of_range("part of an image", found, range));
         }
+        self.framed(first.map(|first| first as f64), [rows, cols])
+    }
+
+    /// The view of an image in whose middle this one is, see [`ViewStack::of_images`].
+    ///
+    /// # Errors
+    /// Returns an error if the other image is smaller.
+    ///
+    /// [`ViewStack::of_images`]: crate::image::ViewStack::of_images
+    pub fn padded(self, size: [usize; 2]) -> Result<Self> {
+        if size[0] < self.rows || size[1] < self.cols {
+            let range = format!("at least [{}, {}], that of the view", self.rows, self.cols);
+            return Err(Error::out_of_range("image size [row, col]", format!("{size:?}"), range));
+        }
+        let before = first_of_padded([self.rows, self.cols], size);
+        self.framed(before.map(|before| -(before as f64)), size)
+    }
+
+    /// The view of `[rows, cols]` pixels from the pixel `first` of this image, which may be outside it.
+    fn framed(self, first: [f64; 2], [rows, cols]: [usize; 2]) -> Result<Self> {
         let moved = |axis: usize, size: usize, whole: usize| {
-            self.shift[axis] + first[axis] as f64 + 0.5 * size as f64 - 0.5 * whole as f64
+            self.shift[axis] + first[axis] + 0.5 * size as f64 - 0.5 * whole as f64
         };
         let shift = [moved(0, rows, self.rows), moved(1, cols, self.cols)];
         Self { rows, cols, ..self }.with_shift(shift)

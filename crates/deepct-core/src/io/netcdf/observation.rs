@@ -55,8 +55,7 @@ pub(super) fn put_observation(output: &mut Output, observation: &Observation) ->
     let radiance = [("units", Text("sr-1")), ("long_name", Text("radiance"))];
     output.variable("radiance", &PIXELS, &observation.images.values, &radiance)?;
     if let Some(error) = &observation.standard_error {
-        let long_name = "standard error of radiance; infinite for pixels that are left out, for \
-                         example because they are saturated";
+        let long_name = "standard error of radiance; infinite for missing pixels";
         let attributes = [("units", Text("sr-1")), ("long_name", Text(long_name))];
         output.variable("radiance_standard_error", &PIXELS, &error.values, &attributes)?;
     }
@@ -165,27 +164,12 @@ impl ImagesFile {
             let variable = input.variable_on(name, pixels)?;
             if *relative { variable.reals_3d() } else { variable.reals_3d_of_layout("sr-1") }
         };
-        let images = ViewStack::new(values("radiance")?).map_err(|problem| {
-            let remedy =
-                "write numbers everywhere; an infinite radiance_standard_error leaves a pixel out";
+        let images = ViewStack::with_missing(values("radiance")?).map_err(|problem| {
+            let remedy = "write NaN, or the fill value, where a pixel is missing";
             input.error("radiance", problem.to_string(), remedy)
         })?;
         let images = ViewStack { values: window.oriented(images.values) };
         let has_units = input.variable("radiance")?.unit_text().is_some();
-        let error = "radiance_standard_error";
-        let standard_error = match input.has(error) {
-            true => {
-                let errors = ViewStack::of_errors(values(error)?).map_err(|problem| {
-                    input.error(
-                        error,
-                        problem.to_string(),
-                        "write the standard error of every pixel",
-                    )
-                })?;
-                Some(ViewStack { values: window.oriented(errors.values) })
-            }
-            false => None,
-        };
         let mut observation = Observation::new(self.light.clone(), views, images)
             .map_err(|problem| input.error("radiance", problem.to_string(), "write it again"))?;
         let brightest = observation.images.brightest();
@@ -199,12 +183,14 @@ impl ImagesFile {
             return Err(input.error("radiance", problem, remedy));
         }
         observation.incomplete = input.text(INCOMPLETE).is_some();
-        if standard_error.as_ref().is_some_and(|error| error.shape() != observation.images.shape())
-        {
-            return Err(input.error(error, "has another shape than radiance", "write it again"));
-        }
-        observation.standard_error = standard_error;
         observation.assumed.clone_from(&self.assumed);
+        let error = "radiance_standard_error";
+        if input.has(error) {
+            let errors = window.oriented(values(error)?);
+            observation = observation.with_standard_error(errors).map_err(|problem| {
+                input.error(error, problem.to_string(), "write that of every pixel")
+            })?;
+        }
         if input.has("saturated") {
             let marks = input.variable_on("saturated", pixels)?.flags()?;
             let marks = marks.into_dimensionality::<Ix3>().expect("three dimensions were checked");
