@@ -133,3 +133,46 @@ fn an_experiment_is_run_once_and_reported() {
     program.refuse("experiment E.toml --set seed=2 --out E", &["experiment.toml", "settings"]);
     program.refuse("experiment E.toml --set generated=0 --out F", &["E.toml", "clouds"]);
 }
+
+/// A row of clouds that is longer than a tile: the hybrid comes nearer to the truth than the network, also
+/// beside the seam, and an interrupted run is continued.
+#[test]
+fn a_hybrid_of_a_field_is_computed_in_tiles() {
+    let program = Program::new();
+    let grid =
+        Grid::new(DVec3::new(0.0, 0.0, 0.6), DVec3::new(0.05, 0.05, 0.04), [12, 16, 150]).unwrap();
+    let mut truth = Volume::constant(grid, 0.0);
+    for ((k, j, i), extinction) in truth.values.indexed_iter_mut() {
+        // Clouds of eight columns in every sixteen, one of them across the seam at 96.
+        let inside = (3..9).contains(&k) && (5..11).contains(&j) && (i + 4) % 16 < 8;
+        *extinction = if inside { 25.0 } else { 0.0 };
+    }
+    let provenance = Provenance { title: "Blocks".into(), configuration: "".into(), seed: 0 };
+    let cloud = Cloud::from_extinction(truth.clone()).unwrap();
+    write_cloud(program.path("C.nc"), &cloud, &provenance).unwrap();
+    program.succeed(
+        "render C.nc --views cloudct-10 --like general --effective-radius 10 --solver ordinates \
+         --accuracy 0.1 --out clean.nc",
+    );
+    program.succeed("sense clean.nc --out I.nc");
+    program.succeed("infer I.nc --grid C.nc --carve --out network.nc");
+    let hybrid = "hybrid I.nc --grid C.nc --iterations 4 --effective-radius 10 --out V.nc";
+    let printed = program.succeed(hybrid);
+    assert!(printed.contains("12 levels of 16 x 150 columns"), "{printed}");
+    assert!(!program.path("V.nc.tiles").exists());
+    let read = |name: &str| read_volume(program.path(name)).unwrap();
+    let error = |name: &str, cols: std::ops::Range<usize>| {
+        let part = |volume: &Volume| volume.part(0..16, cols.clone()).unwrap();
+        relative_error(&part(&truth), &part(&read(name))).unwrap()
+    };
+    let [network, whole] = ["network.nc", "V.nc"].map(|name| error(name, 0..150));
+    assert!(whole < 0.75 * network, "{whole} {network}");
+    let seam = error("V.nc", 88..104);
+    assert!(seam < 1.25 * whole, "{seam} {whole}");
+
+    let bytes = std::fs::read(program.path("V.nc")).unwrap();
+    std::fs::create_dir(program.path("V.nc.tiles")).unwrap();
+    std::fs::copy(program.path("network.nc"), program.path("V.nc.tiles/0.nc")).unwrap();
+    program.succeed(hybrid);
+    assert_eq!(std::fs::read(program.path("V.nc")).unwrap(), bytes);
+}
