@@ -123,6 +123,7 @@ impl Run<'_> {
             title: "Extinction by the network".into(),
             configuration: toml::to_string(&resolved).expect("plain numbers and text"),
             seed: self.global.seed,
+            ..Provenance::default()
         };
         write_estimate(out, &estimated, Some(&observation), &provenance)?;
         let Volume { grid, values } = &estimated.extinction;

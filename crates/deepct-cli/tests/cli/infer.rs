@@ -16,7 +16,12 @@ use std::collections::BTreeMap;
 const TARGET: DVec3 = DVec3::new(0.4, 0.3, 1.0);
 
 fn provenance() -> Provenance {
-    Provenance { title: "A test".into(), configuration: String::new(), seed: 0 }
+    Provenance {
+        title: "A test".into(),
+        configuration: String::new(),
+        seed: 0,
+        ..Provenance::default()
+    }
 }
 
 /// Images with a bright rectangle in every view.

@@ -17,7 +17,12 @@ fn ball(program: &Program) -> Volume {
             *extinction = 20.0;
         }
     }
-    let provenance = Provenance { title: "A ball".into(), configuration: "".into(), seed: 0 };
+    let provenance = Provenance {
+        title: "A ball".into(),
+        configuration: "".into(),
+        seed: 0,
+        ..Provenance::default()
+    };
     let cloud = Cloud::from_extinction(ball.clone()).unwrap();
     write_cloud(program.path("C.nc"), &cloud, &provenance).unwrap();
     program.succeed("render C.nc --views cloudct-10 --samples 256 --out I.nc");

@@ -31,6 +31,10 @@ pub enum Content {
 pub fn read_content(path: impl AsRef<Path>) -> Result<Option<Content>> {
     let path = path.as_ref();
     let Ok(input) = Input::open(path) else { return Ok(None) };
+    // What is assumed of the file has to be said, as an import does.
+    if input.assumption().is_some() {
+        return Ok(None);
+    }
     let content = if input.has("radiance") {
         Content::Images(Box::new(read_observation(path)?))
     } else if input.has("mask") && !input.has("extinction") {

@@ -132,6 +132,16 @@ impl Input {
         self.container.unreadable()
     }
 
+    /// Whether the file is a collection of arrays of another program than netCDF and HDF5.
+    pub(crate) fn is_of_arrays(&self) -> bool {
+        matches!(self.container, Container::Arrays(_))
+    }
+
+    /// What the format of the file does not state, and is assumed.
+    pub(crate) fn assumption(&self) -> Option<&'static str> {
+        self.container.assumption()
+    }
+
     /// The text of an attribute of the file.
     pub(crate) fn text(&self, name: &str) -> Option<String> {
         match self.container.attribute("/", name)? {
