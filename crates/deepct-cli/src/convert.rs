@@ -18,7 +18,8 @@ use std::path::{Path, PathBuf};
 ///
 /// The ending of OUTPUT names the format (see `deepct formats`): .vti, .vol, .npz or .mat for
 /// fields; .npz, .mat, .tif, .png or .exr for images. Clouds of other programs are read as by
-/// `deepct cloud import --spacing file`, which has options for them.
+/// `deepct cloud import --spacing file`, which has options for them. They, and files that this command
+/// wrote, are also converted to .nc.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
     /// File to read

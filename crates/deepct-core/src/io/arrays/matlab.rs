@@ -89,18 +89,21 @@ pub(super) fn list(arrays: &mut Arrays) -> Result<()> {
             let problem = format!("an element declares {size} bytes, but the file ends before");
             return Err(arrays.damaged(problem));
         }
+        if ![MATRIX, COMPRESSED].contains(&kind) {
+            offset += u64::from(size);
+            continue;
+        }
         let is_compressed = kind == COMPRESSED;
         let place = Place { path: path.clone(), offset, size, is_compressed };
         let mut found = Vec::new();
         let listed = place.read(&mut |bytes| {
             let mut content = Content { bytes, position: 0, big_endian };
-            let size = match (is_compressed, kind) {
-                (false, MATRIX) => size,
-                (true, _) => match content.tag()? {
+            let size = match is_compressed {
+                false => size,
+                true => match content.tag()? {
                     Tag { kind: MATRIX, size, .. } => size,
                     _ => return Ok(()),
                 },
-                _ => return Ok(()),
             };
             content.matrix(&place, "", size, DEEPEST, &mut found)
         });

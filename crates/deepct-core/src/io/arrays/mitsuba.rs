@@ -38,9 +38,10 @@ pub(super) fn list(arrays: &mut Arrays) -> Result<()> {
         f32::from_le_bytes(numbers[at]).to_string().parse().unwrap_or(f64::NAN)
     };
     let lower = [5, 6, 7].map(corner);
+    let upper = [8, 9, 10].map(corner);
     let lengths = [nx, ny, nz];
     let spacing = [0, 1, 2].map(|axis| {
-        let step = (corner(8 + axis) - lower[axis]) / f64::from(lengths[axis]);
+        let step = (upper[axis] - lower[axis]) / f64::from(lengths[axis]);
         // The digits that a 32-bit corner determines.
         format!("{step:.6e}").parse().unwrap_or(f64::NAN)
     });
@@ -50,5 +51,9 @@ pub(super) fn list(arrays: &mut Arrays) -> Result<()> {
         "the format states no units; the numbers are taken to be the extinction in km-1 in a box in km, as \
          `deepct convert` writes them (--units extinction=\"...\" states others)",
     );
+    // Mitsuba writes the unit cube where nobody states a box.
+    if (lower, upper) == ([0.0; 3], [1.0; 3]) {
+        return Ok(());
+    }
     arrays.put_on_grid(lower, spacing, shape, Some("km"))
 }

@@ -90,6 +90,8 @@ pub(super) struct Arrays {
     by_name: BTreeMap<String, Array>,
     /// What the format does not state, and is assumed.
     pub(super) assumption: Option<&'static str>,
+    /// Whether [`crate::io::export`] wrote the file, so that nothing needs to be assumed.
+    pub(super) is_own: bool,
 }
 
 /// The formats.
@@ -154,7 +156,8 @@ impl Arrays {
     /// Returns an error if the file cannot be read, is damaged, or contains what is not an array.
     pub(super) fn open(path: &Path) -> Result<Option<Self>> {
         let Some(format) = format_of(path)? else { return Ok(None) };
-        let mut arrays = Self { path: path.into(), by_name: BTreeMap::new(), assumption: None };
+        let mut arrays =
+            Self { path: path.into(), by_name: BTreeMap::new(), assumption: None, is_own: false };
         match format {
             Format::Npy => numpy::list_npy(&mut arrays)?,
             Format::Npz => numpy::list_npz(&mut arrays)?,
@@ -227,6 +230,7 @@ impl Arrays {
         let shape =
             self.by_name.values().find_map(|array| <[usize; 3]>::try_from(&array.shape[..]).ok());
         let shape = shape.ok_or_else(|| self.damaged("it has no fields"))?;
+        self.is_own = true;
         for name in [CORNER, SPACING] {
             self.by_name.remove(name);
         }

@@ -14,8 +14,8 @@ use std::ops::Range;
 use std::sync::Arc;
 
 /// Largest number of operations of a pickle, and the memory that one may take (bytes).
-const MOST_OPERATIONS: u64 = 1 << 24;
-const OPERATION_BYTES: u64 = 128;
+const MOST_OPERATIONS: u64 = 1 << 22;
+const OPERATION_BYTES: u64 = 256;
 
 /// What a pickle may name.
 #[derive(Debug, Clone, Copy, PartialEq)]

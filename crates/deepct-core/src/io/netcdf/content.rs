@@ -31,8 +31,8 @@ pub enum Content {
 pub fn read_content(path: impl AsRef<Path>) -> Result<Option<Content>> {
     let path = path.as_ref();
     let Ok(input) = Input::open(path) else { return Ok(None) };
-    // What is assumed of the file has to be said, as an import does.
-    if input.assumption().is_some() {
+    // An import has to say what is assumed of other arrays.
+    if input.is_exported() == Some(false) {
         return Ok(None);
     }
     let content = if input.has("radiance") {

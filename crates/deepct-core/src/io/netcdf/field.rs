@@ -136,7 +136,7 @@ fn checked_cloud(path: &Path, checks: &mut Checks) -> Result<Cloud> {
         let values = cloud.extinction.as_ref();
         values.map_or(Ok(()), |values| checks.extinction("extinction", values))?;
         // Exported clouds always have an extinction.
-        if input.is_of_arrays() && is_derived(&cloud)? {
+        if input.is_exported() == Some(true) && is_derived(&cloud)? {
             cloud.extinction = None;
         }
     }

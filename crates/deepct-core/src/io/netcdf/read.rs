@@ -132,9 +132,12 @@ impl Input {
         self.container.unreadable()
     }
 
-    /// Whether the file is a collection of arrays of another program than netCDF and HDF5.
-    pub(crate) fn is_of_arrays(&self) -> bool {
-        matches!(self.container, Container::Arrays(_))
+    /// Whether the file is a collection of arrays, and if so, whether deepct exported it.
+    pub(crate) fn is_exported(&self) -> Option<bool> {
+        match &self.container {
+            Container::Arrays(arrays) => Some(arrays.is_own),
+            Container::Hdf5(_) | Container::Classic(_) => None,
+        }
     }
 
     /// What the format of the file does not state, and is assumed.
