@@ -68,7 +68,9 @@ def matlab(path):
 
 def test_numpy_arrays(folder, cloud, images):
     with np.load(folder / "cloud.npz") as file:
-        assert set(file) == set(cloud)
+        assert set(file) == {*cloud, "origin_km", "spacing_km"}
+        np.testing.assert_allclose(file["origin_km"], [0.0, 0.0, 0.48], atol=1e-12)
+        np.testing.assert_allclose(file["spacing_km"], [0.05, 0.05, 0.04], rtol=1e-12)
         for name in FIELDS:
             np.testing.assert_array_equal(file[name], cloud[name])
         for name in "xyz":
@@ -83,7 +85,7 @@ def test_numpy_arrays(folder, cloud, images):
 
 def test_matlab_arrays(folder, cloud, images):
     arrays = matlab(folder / "cloud.mat")
-    assert set(arrays) == set(cloud)
+    assert set(arrays) == {*cloud, "origin_km", "spacing_km"}
     for name in FIELDS:
         np.testing.assert_array_equal(arrays[name], cloud[name])
     np.testing.assert_allclose(arrays["z"], cloud["z"][None], atol=1e-9)

@@ -60,6 +60,7 @@ fn carve_file(
         title: "Voxels that may contain cloud".into(),
         configuration: toml::to_string(&resolved).expect("plain numbers and text"),
         seed: global.seed,
+        ..Provenance::default()
     };
     write_mask(out, &carved.mask, &provenance)?;
     Ok(Summary {

@@ -8,8 +8,10 @@ use deepct_core::cloud::{
     Cloud, CumulusSettings, FieldSettings, IsolateSettings, LeftOut, cumulus, field,
     isolate_and_count,
 };
-use deepct_core::io::import::{AirDensity, Axes, Crop, ImportReport, ImportSettings, import_cloud};
-use deepct_core::io::{Provenance, write_cloud};
+use deepct_core::io::import::{
+    AirDensity, Axes, Crop, ImportReport, ImportSettings, count_times, import_cloud,
+};
+use deepct_core::io::{Lineage, Provenance, write_cloud};
 use deepct_core::math::DVec3;
 use deepct_core::optics::extinction;
 use deepct_core::{Error, Result};
@@ -50,7 +52,8 @@ enum Kind {
     Field,
 }
 
-/// Import a large-eddy simulation (netCDF) or a text file of pySHDOM, AT3D or SHDOM
+/// Import a large-eddy simulation (netCDF), arrays of NumPy, MATLAB or a pickle, or a text file of
+/// pySHDOM, AT3D, SHDOM or MYSTIC
 ///
 /// Liquid water and axes are identified by CF conventions or by customary names; the command prints
 /// from which variable it took each quantity, and what it assumed. The field is resampled onto the
@@ -60,9 +63,11 @@ enum Kind {
 struct ImportArgs {
     /// File to read
     file: PathBuf,
-    /// Index of the time step, counted from 0
-    #[arg(long, default_value_t = 0, value_name = "I")]
-    time: usize,
+    /// Index of the time step, counted from 0; several as "2:10", which ends before 10, or "all": the
+    /// files have the name of --out, or that of FILE in the folder --out, and the number of the step,
+    /// as C_0002.nc
+    #[arg(long, default_value = "0", value_name = "I|FROM:TO|all", value_parser = times)]
+    time: Times,
     /// Columns to read: index of the first one along x and y, and their number; the selection wraps
     /// around the sides of the domain
     #[arg(long, value_name = "X0,Y0,NX,NY", value_parser = crop)]
@@ -76,7 +81,8 @@ struct ImportArgs {
     /// pressure and temperature, or that of the standard atmosphere
     #[arg(long, value_name = "KG_PER_M3|FILE:VARIABLE", value_parser = str::parse::<AirDensity>)]
     air_density: Option<AirDensity>,
-    /// Name of the liquid water variable, if it is not identified automatically
+    /// Name of the variable with the liquid water or the extinction, if it is not identified
+    /// automatically; one in a group, a structure or a dictionary as "clouds/beta"
     #[arg(long, value_name = "NAME")]
     variable: Option<String>,
     /// Voxel size along x, y, z (km), or "file" to keep that of the file
@@ -88,8 +94,9 @@ struct ImportArgs {
     /// Number of levels; by default all levels up to the top of the file
     #[arg(long, value_name = "N")]
     levels: Option<usize>,
-    /// The axes of the variables of a file that does not name them, such as one of MATLAB 7.3, in the
-    /// order of HDF5, which is the reverse of that of MATLAB; their cells have the size --spacing
+    /// The axes of the variables of a file that does not name them, such as one of NumPy or MATLAB, the
+    /// slowest one first, which is the reverse of the order of MATLAB; their cells have the size
+    /// --spacing
     #[arg(long, value_name = "z,y,x", value_parser = str::parse::<Axes>)]
     axes: Option<Axes>,
     /// Units of the values of a variable, in place of those in the file, such as "ql=kg kg-1"; may
@@ -118,6 +125,13 @@ struct ImportArgs {
     out: PathBuf,
 }
 
+/// A time step, or several up to the one before the end; up to the last one if `end` is `None`.
+#[derive(Debug, Clone, Copy)]
+enum Times {
+    One(usize),
+    Several { start: usize, end: Option<usize> },
+}
+
 /// A voxel size (km), or `None` for that of the file.
 #[derive(Debug, Clone, Copy)]
 struct Spacing(Option<DVec3>);
@@ -144,34 +158,73 @@ fn generate(args: &GenerateArgs, global: &Global) -> Result<Outcome> {
         title: "Randomly generated cloud".into(),
         configuration: configuration.expect("plain numbers and text"),
         seed: global.seed,
+        ..Provenance::default()
     };
     write(&args.out, &cloud, &provenance, global)
 }
 
 fn import(args: &ImportArgs, global: &Global) -> Result<Outcome> {
-    let settings = ImportSettings {
-        time: args.time,
-        crop: args.crop,
-        droplets_per_cm3: args.droplets,
-        air_density: args.air_density.clone(),
-        variable: args.variable.clone(),
-        spacing: args.spacing.0,
-        base: args.base,
-        levels: args.levels,
-        axes: args.axes,
-        units: args.units.iter().cloned().collect(),
-        allow_implausible: args.allow_implausible,
+    let (start, end) = match args.time {
+        Times::One(time) => return import_time(args, time, &args.out, global),
+        Times::Several { start, end } => (start, end),
     };
-    let (cloud, report) = import_cloud(&args.file, &settings)?;
+    let count = count_times(&args.file, &args.settings(0))?;
+    if start >= count || end.is_some_and(|end| end > count) {
+        let problem = format!("has {count} times");
+        let remedy = format!("choose --time within 0:{count}, or \"all\"");
+        return Err(Error::file(&args.file, "time", problem, remedy));
+    }
+    let is_file = args.out.extension().is_some_and(|ending| ending == "nc");
+    let (folder, name) = match (args.isolate, is_file) {
+        (None, true) => (args.out.parent().unwrap_or(Path::new("")), args.out.file_stem()),
+        _ => (args.out.as_path(), args.file.file_stem()),
+    };
+    if !is_file {
+        std::fs::create_dir_all(folder).map_err(Error::io(folder))?;
+    }
+    for time in start..end.unwrap_or(count) {
+        let name = format!("{}_{time:04}.nc", name.unwrap_or_default().to_string_lossy());
+        let out = folder.join(name);
+        if !global.quiet && args.isolate.is_none() {
+            say!("{}", out.display());
+        }
+        import_time(args, time, &out, global)?;
+    }
+    Ok(Outcome::Success)
+}
+
+fn import_time(args: &ImportArgs, time: usize, out: &Path, global: &Global) -> Result<Outcome> {
+    let (cloud, report) = import_cloud(&args.file, &args.settings(time))?;
+    let name = args.file.file_name().unwrap_or_default().to_string_lossy();
+    let lineage = report.lineage.clone().then(&format!("cloud import {name} --time {time}"));
     say_import(report, global);
     let provenance = Provenance {
         title: "Cloud imported from another file".into(),
-        configuration: toml::to_string(&Resolved::of(args, &cloud)).expect("plain numbers"),
+        configuration: toml::to_string(&Resolved::of(args, time, &cloud)).expect("plain numbers"),
         seed: global.seed,
+        lineage,
     };
     match args.isolate {
-        None => write(&args.out, &cloud, &provenance, global),
-        Some(side) => write_isolated(args, side, &cloud, &provenance, global),
+        None => write(out, &cloud, &provenance, global),
+        Some(side) => write_isolated(args, side, time, &cloud, &provenance, global),
+    }
+}
+
+impl ImportArgs {
+    fn settings(&self, time: usize) -> ImportSettings {
+        ImportSettings {
+            time,
+            crop: self.crop,
+            droplets_per_cm3: self.droplets,
+            air_density: self.air_density.clone(),
+            variable: self.variable.clone(),
+            spacing: self.spacing.0,
+            base: self.base,
+            levels: self.levels,
+            axes: self.axes,
+            units: self.units.iter().cloned().collect(),
+            allow_implausible: self.allow_implausible,
+        }
     }
 }
 
@@ -188,16 +241,19 @@ fn say_import(report: ImportReport, global: &Global) {
 }
 
 /// Import a cloud of another program on the voxels of its file.
-pub(crate) fn import_as_it_is(path: &Path, global: &Global) -> Result<Cloud> {
+/// Returns the cloud, its time and the history of the file.
+pub(crate) fn import_as_it_is(path: &Path, global: &Global) -> Result<(Cloud, Lineage)> {
     let settings = ImportSettings { spacing: None, ..ImportSettings::default() };
     let (cloud, report) = import_cloud(path, &settings)?;
+    let lineage = report.lineage.clone();
     say_import(report, global);
-    Ok(cloud)
+    Ok((cloud, lineage))
 }
 
 fn write_isolated(
     args: &ImportArgs,
     side: usize,
+    time: usize,
     cloud: &Cloud,
     provenance: &Provenance,
     global: &Global,
@@ -209,7 +265,7 @@ fn write_isolated(
         isolate_and_count(cloud, &settings).map_err(Error::in_file(&args.file))?;
     std::fs::create_dir_all(&args.out).map_err(Error::io(&args.out))?;
     for (number, isolated) in clouds.iter().enumerate() {
-        let path = args.out.join(format!("cloud_{:04}_{number:03}.nc", args.time));
+        let path = args.out.join(format!("cloud_{time:04}_{number:03}.nc"));
         write_cloud(&path, &isolated.cloud, provenance)?;
         if global.verbose > 0 && !global.quiet {
             let [row, col] = isolated.corner;
@@ -292,10 +348,10 @@ struct Resolved<'a> {
 }
 
 impl<'a> Resolved<'a> {
-    fn of(args: &'a ImportArgs, cloud: &Cloud) -> Self {
+    fn of(args: &'a ImportArgs, time: usize, cloud: &Cloud) -> Self {
         Self {
             file: &args.file,
-            time: args.time,
+            time,
             crop: args.crop.map(|crop| [crop.x0, crop.y0, crop.nx, crop.ny]),
             droplets_per_cm3: args.droplets,
             air_density: args.air_density.as_ref().map(AirDensity::to_string),
@@ -321,6 +377,22 @@ fn crop(text: &str) -> std::result::Result<Crop, String> {
         Some([x0, y0, nx, ny]) => Ok(Crop { x0, y0, nx, ny }),
         None => Err("give four whole numbers: X0,Y0,NX,NY".into()),
     }
+}
+
+fn times(text: &str) -> std::result::Result<Times, String> {
+    let several = |(start, end): (&str, &str)| {
+        let number = |text: &str, default| match text.trim() {
+            "" => Some(default),
+            text => text.parse().ok().map(Some),
+        };
+        let (start, end) = (number(start, Some(0))??, number(end, None)?);
+        end.is_none_or(|end| end > start).then_some(Times::Several { start, end })
+    };
+    let found = match text {
+        "all" => Some(Times::Several { start: 0, end: None }),
+        _ => text.parse().ok().map(Times::One).or_else(|| several(text.split_once(':')?)),
+    };
+    found.ok_or_else(|| "give an index from 0, a range such as 2:10, or \"all\"".into())
 }
 
 fn units(text: &str) -> std::result::Result<(String, String), String> {

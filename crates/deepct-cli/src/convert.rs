@@ -6,7 +6,10 @@ use crate::outcome::Outcome;
 use crate::output::{check_origin, is_same_file};
 use deepct_core::files::check_output;
 use deepct_core::io::export::{Fields, export_fields, export_images};
-use deepct_core::io::{Content, Provenance, read_content, write_cloud};
+use deepct_core::io::{
+    Content, Lineage, Provenance, read_content, read_lineage, write_cloud, write_estimate,
+    write_mask, write_observation,
+};
 use deepct_core::scene::Observation;
 use deepct_core::{Error, Result};
 use std::path::{Path, PathBuf};
@@ -15,7 +18,8 @@ use std::path::{Path, PathBuf};
 ///
 /// The ending of OUTPUT names the format (see `deepct formats`): .vti, .vol, .npz or .mat for
 /// fields; .npz, .mat, .tif, .png or .exr for images. Clouds of other programs are read as by
-/// `deepct cloud import --spacing file`, which has options for them.
+/// `deepct cloud import --spacing file`, which has options for them. They, and files that this command
+/// wrote, are also converted to .nc.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
     /// File to read
@@ -33,9 +37,12 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
     check_output(output)?;
     check_origin(output, "OUTPUT", global.force)?;
     match read_content(input)? {
-        Some(_) if is_netcdf(output) => {
+        Some(_) if is_netcdf(input) && is_netcdf(output) => {
             let remedy = "name another format (see `deepct formats`), or copy the file";
             return Err(Error::file(input, "file", "is one of deepct already", remedy));
+        }
+        Some(content) if is_netcdf(output) => {
+            write_netcdf(input, output, &content, read_lineage(input), global)?;
         }
         Some(Content::Images(observation)) => write_images(output, &observation, global)?,
         Some(Content::Cloud(cloud)) => export_fields(output, &Fields::of_cloud(&cloud)?)?,
@@ -53,16 +60,39 @@ fn is_netcdf(path: &Path) -> bool {
 }
 
 fn convert_foreign(input: &Path, output: &Path, global: &Global) -> Result<()> {
-    let cloud = import_as_it_is(input, global)?;
-    if !is_netcdf(output) {
-        return export_fields(output, &Fields::of_cloud(&cloud)?);
+    let (cloud, lineage) = import_as_it_is(input, global)?;
+    match is_netcdf(output) {
+        true => write_netcdf(input, output, &Content::Cloud(cloud), lineage, global),
+        false => export_fields(output, &Fields::of_cloud(&cloud)?),
     }
-    let provenance = Provenance {
-        title: "Cloud imported from another file".into(),
+}
+
+/// Write what another file contains as a file of deepct.
+fn write_netcdf(
+    input: &Path,
+    output: &Path,
+    content: &Content,
+    lineage: Lineage,
+    global: &Global,
+) -> Result<()> {
+    let name = input.file_name().unwrap_or_default().to_string_lossy();
+    let lineage = lineage.then(&format!("convert {name}"));
+    let provenance = |what: &str| Provenance {
+        title: format!("{what} imported from another file"),
         configuration: toml::to_string(&Resolved { file: input }).expect("a path"),
         seed: global.seed,
+        lineage: lineage.clone(),
     };
-    write_cloud(output, &cloud, &provenance)
+    match content {
+        Content::Cloud(cloud) => write_cloud(output, cloud, &provenance("Cloud")),
+        Content::Estimate(estimate) => {
+            write_estimate(output, estimate, None, &provenance("Extinction"))
+        }
+        Content::Mask(mask) => write_mask(output, mask, &provenance("Mask")),
+        Content::Images(observation) => {
+            write_observation(output, observation, &provenance("Images"))
+        }
+    }
 }
 
 fn write_images(output: &Path, observation: &Observation, global: &Global) -> Result<()> {

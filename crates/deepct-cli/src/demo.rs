@@ -104,6 +104,7 @@ impl Results {
             title: title.into(),
             configuration: format!("formation = \"{FORMATION}\"\n"),
             seed,
+            ..Provenance::default()
         };
         io::write_cloud(at("cloud.nc"), &self.cloud, &provenance("Generated cumulus"))?;
         io::write_observation(at("images.nc"), &self.images, &provenance("Images without noise"))?;

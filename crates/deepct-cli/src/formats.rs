@@ -23,16 +23,29 @@ Read by `cloud import`
                droplet spectra of WRF's bin microphysics (ff1i01, ff1i02, ...), or extinction;
                variables may be packed, big-endian or chunked, levels may be stretched;
                values are converted from their units, and --units states missing ones;
-               --axes states the axes of files without names of them (MATLAB 7.3)
+               --axes states the axes of files without names of them (MATLAB 7.3);
+               data sets of AT3D (density, reff) also without units
   pySHDOM      text: a comment; nx ny nz; dx dy z0 z1 ...; rows i j k lwc reff [veff]
   AT3D         text: a comment; nx,ny,nz; dx,dy; z0,z1,...; names of columns, among
                them x,y,z (or i,j,k), lwc, reff and veff; rows
   SHDOM        text: the title `2 parameter LWC file`; nx ny nz; dx dy; nz altitudes of
                levels, or nz+1 of their faces; as many temperatures; rows i j k lwc reff
-               with indices from 1
+               with indices from 1; property files (extinction only, tabulated,
+               standard) for their extinction
   MYSTIC       text (libRadtran): nx ny nz flag; dx dy and nz+1 altitudes of faces; rows with
                indices from 1: i j k extinction asymmetry albedo (flag 1), i j k extinction
                reff (flag 2), or i j k lwc reff (flag 3)
+
+Arrays, read by `cloud import`, `convert` and `regrid`; --variable, --units, --axes, --spacing and
+--base of `cloud import` state what they lack; files of `convert` need none of them
+  name   read                                       written  limits
+  .npy   NumPy, all versions                        no       real numbers
+  .npz   NumPy, stored or compressed                yes      real numbers
+  .mat   MATLAB 5 to 7 with structures and cells    yes      no sparse or complex arrays
+  .pkl   pickles, protocols 2 to 5                  no       NumPy arrays, numbers, texts, lists
+                                                             and dictionaries; nothing is executed
+  .vol   Mitsuba, version 3, 32-bit floats          yes      extinction; one channel
+  .vti   VTK image data, raw, not compressed        yes      values of cells; one piece
 
 Read by other verbs
   grid      TOML: origin_km, spacing_km (x, y, z), shape (nz, ny, nx); or any field above
@@ -44,7 +57,7 @@ Written by `convert`, by the ending of the name
   .vol      extinction (km-1): grid volume of Mitsuba 3; bounding box in km
             (use_grid_bbox = true)
   .npz      fields or images: NumPy arrays with the names of the variables above, [z, y, x]
-            and [view, row, col]
+            and [view, row, col], and the grid (origin_km, spacing_km: x, y, z)
   .mat      the same arrays for MATLAB, Octave and SciPy (version 5)
   .tif      images: 16-bit grey levels, one page per view, north up; the description of a
             page has the radiance of a grey level

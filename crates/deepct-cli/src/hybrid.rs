@@ -99,6 +99,7 @@ impl<'a> Run<'a> {
             title: "Extinction by inversion".into(),
             configuration,
             seed: global.seed,
+            ..Provenance::default()
         };
         let out = args.flags.out();
         let mut field = Field { file, images, grid, tiles, out, provenance };

@@ -200,6 +200,7 @@ impl Run<'_> {
             title: "Extinction by the network".into(),
             configuration: toml::to_string(&resolved).expect("plain numbers and text"),
             seed: self.global.seed,
+            ..Provenance::default()
         }
     }
 }

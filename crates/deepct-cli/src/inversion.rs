@@ -176,6 +176,7 @@ impl Job<'_> {
             title: "Extinction by inversion".into(),
             configuration: self.resolved(&self.settings),
             seed: global.seed,
+            ..Provenance::default()
         };
         write_reconstruction(&flags.out, &reconstruction, &mask, &self.observation, &provenance)?;
         if reconstruction.ending == Ending::Interrupted && stopped() {

@@ -7,7 +7,8 @@ use crate::summary::{Form, Summary};
 use deepct_core::files::check_output;
 use deepct_core::grid::Volume;
 use deepct_core::io::{
-    Content, Provenance, read_content, read_grid, write_cloud, write_mask, write_volume,
+    Content, Provenance, read_content, read_grid, read_lineage, write_cloud, write_mask,
+    write_volume,
 };
 use deepct_core::optics::extinction;
 use deepct_core::{Error, Result};
@@ -36,15 +37,21 @@ pub(crate) struct Args {
 pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
     check_output(&args.out)?;
     let grid = read_grid(&args.like)?;
+    let (content, lineage) = match read_content(&args.file)? {
+        Some(content) => (content, read_lineage(&args.file)),
+        None => {
+            let (cloud, lineage) = import_as_it_is(&args.file, global)?;
+            (Content::Cloud(cloud), lineage)
+        }
+    };
+    let name = args.file.file_name().unwrap_or_default().to_string_lossy();
+    let lineage = lineage.then(&format!("regrid {name}"));
     let provenance = |title: &str| Provenance {
         title: title.into(),
         configuration: toml::to_string(&Resolved { file: &args.file, like: &args.like })
             .expect("paths"),
         seed: global.seed,
-    };
-    let content = match read_content(&args.file)? {
-        Some(content) => content,
-        None => Content::Cloud(import_as_it_is(&args.file, global)?),
+        lineage: lineage.clone(),
     };
     match content {
         Content::Cloud(cloud) => {

@@ -453,6 +453,7 @@ impl Args {
             title: "Images of a cloud".into(),
             configuration: toml::to_string(&resolved).expect("plain numbers and text"),
             seed: global.seed,
+            ..Provenance::default()
         }
     }
 }

@@ -45,6 +45,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
         title: "Images with sensor noise".into(),
         configuration: toml::to_string(&resolved).expect("plain numbers and text"),
         seed: global.seed,
+        ..Provenance::default()
     };
     write_observation(&args.out, &observation, &provenance)?;
     let marks = observation.saturated.iter().flatten();

@@ -18,7 +18,11 @@ fn main() -> deepct_core::Result<()> {
     // The file can be opened by any netCDF-4 software, such as xarray, ncdump or Panoply.
     let path = std::env::temp_dir().join(format!("deepct-example-{}.nc", std::process::id()));
     let configuration = format!("width_km = {:?}", settings.width_km.unwrap_or_default());
-    write_cloud(&path, &cloud, &Provenance { title: "A cumulus".into(), configuration, seed })?;
+    write_cloud(
+        &path,
+        &cloud,
+        &Provenance { title: "A cumulus".into(), configuration, seed, ..Provenance::default() },
+    )?;
     assert_eq!(read_cloud(&path)?, cloud);
     std::fs::remove_file(&path).map_err(deepct_core::Error::io(&path))?;
 

@@ -15,7 +15,12 @@ fn files_are_written_while_other_programs_are_started() {
     let path = folder.path().join("volume.nc");
     let grid = Grid::new(DVec3::ZERO, DVec3::splat(0.05), [3, 4, 5]).unwrap();
     let volume = Volume::constant(grid, 1.0);
-    let provenance = Provenance { title: "a test".into(), configuration: String::new(), seed: 0 };
+    let provenance = Provenance {
+        title: "a test".into(),
+        configuration: String::new(),
+        seed: 0,
+        ..Provenance::default()
+    };
     let done = AtomicBool::new(false);
     let start_programs = || {
         while !done.load(Ordering::Relaxed) {

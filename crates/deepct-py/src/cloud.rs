@@ -244,7 +244,8 @@ pub(crate) fn read_cloud(
     Cloud::give(py, cloud)
 }
 
-/// Import a large-eddy simulation (netCDF) or a text file of pySHDOM, AT3D or SHDOM.
+/// Import a large-eddy simulation (netCDF), arrays of NumPy, MATLAB, Mitsuba, VTK or a pickle, or a text
+/// file of pySHDOM, AT3D, SHDOM or MYSTIC. A pickle executes nothing.
 ///
 /// Liquid water and axes are identified by CF conventions or by customary names. From which variable
 /// each quantity is taken, and what is assumed, is logged to the logger `deepct_py` (level INFO).
@@ -267,8 +268,9 @@ pub(crate) fn read_cloud(
 /// variable : str, optional
 ///     Name of the liquid water variable, if it is not identified automatically.
 /// axes : str, optional
-///     The axes of the variables of a file that does not name them, such as one of MATLAB 7.3, the
-///     slowest one first: "z,y,x". Their cells have the size `spacing`.
+///     The axes of the variables of a file that does not name them, such as one of NumPy or MATLAB, the
+///     slowest one first: "z,y,x"; that is the reverse of the order of MATLAB. Their cells have the size
+///     `spacing`.
 /// spacing : (float, float, float) or "file"
 ///     Voxel size along x, y, z (km), or "file" to keep that of the file.
 /// base : float, optional

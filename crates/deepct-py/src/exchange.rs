@@ -12,7 +12,12 @@ use std::path::Path;
 
 /// What a file written by this module records about itself.
 pub(crate) fn provenance(title: &str) -> Provenance {
-    Provenance { title: title.into(), configuration: String::new(), seed: 0 }
+    Provenance {
+        title: title.into(),
+        configuration: String::new(),
+        seed: 0,
+        ..Provenance::default()
+    }
 }
 
 /// A data set of xarray with the contents of the file that `write` writes.

@@ -10,6 +10,7 @@ import h5py
 import netCDF4
 import numpy as np
 import pytest
+import xarray as xr
 
 # Liquid water on (z, y, x) in g/m3 or g/kg, different in every voxel along an axis.
 WATER = np.fromfunction(lambda k, j, i: (5 * k + 3 * j + 2 * i) % 13 * 0.1, (4, 5, 6))
@@ -849,12 +850,102 @@ def test_text_that_is_something_else_is_refused(tmp_path, refused):
         ("3 2 3 3\n0.05 0.05 0.5 0.54 0.58 0.62\n1 1 1 20.0 8\n", "line 3: has 20 g/m3 of water"),
         ("3 2 3 3\n0.05 0.05 0.5 0.54 0.58\n1 1 1 0.2 8\n", "has 3 altitudes, not nz + 1 = 4"),
         ("3 2 3 4\n0.05 0.05 0.5 0.54 0.58 0.62\n1 1 1 0.2 8\n", "or also a flag from 1 to 3"),
-        ("Tabulated phase function property file\n1 1 2\n", "optical properties of SHDOM"),
-        ("E\n1 1 2\n1.0 1.0 0.5 2.0\n", "optical properties of SHDOM"),
-        ("MATLAB 5.0 MAT-file, Platform: GLNXA64\n", "save it with -v7.3"),
+        ("P\n1 1 2\n1.0 1.0 0.5 2.0\n", "is that of a polarized property file of SHDOM, which is not read"),
+        ("E\n1 1 2\n1 1 0.5 2.0\n280 280\n0.9 3 2.5\n", "line 5: is the last line, but a phase function"),
+        ("E\n1 1 2\n1 1 0.5 2.0\n280 280\n0.9 -1\n", "line 5: does not begin with a number of coefficients"),
+        ("T\n1 1 2\n1 1 0.5 2.0\n1e30\n1 2.5\n", "is no number of phase functions"),
+        ("T\n1 1 2\n1 1 0.5 2.0\n1\n1 2.5\n1 1 1 280 20.0 1.0\n", "lacks a number: it has 6 fields, not 7"),
+        ("1 1 2\n1 1 0.5 2.0\n1 1 1 280 20.0 1 1 2.5\n1 1 2 280 20.0 1 2 2.5\n", "has 8 fields, not 9"),
     ]:
         path.write_text(text)
         assert words in refused(path)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "E\n{grid}\n280 280 280\n0.99 3 2.5\n4.0 3.1\n1 1 1 20.5\n3 2 3 1.5\n",
+        "Tabulated phase function property file\n{grid}\n2\n2 2.5 4.1\n3 2.4 4.0\n3.0\n"
+        "1 1 1 280 20.5 0.99 1\n3 2 3 280 1.5 0.9 2\n",
+        "{grid}\n1 1 1 280 20.5 0.99 2 2.5 4.0\n3 2 3 280 1.5 0.9 0\n",
+    ],
+    ids=["extinction only", "tabulated", "standard"],
+)
+def test_property_files_of_shdom(tmp_path, load, command_line_run, text):
+    """Layouts and lists over several lines as in the documentation of SHDOM."""
+    path = tmp_path / "cloud.prp"
+    path.write_text(text.format(grid="3 2 3\n0.05 0.06 0.5 0.54 0.58"))
+    cloud = load(path)
+    field = np.zeros((3, 2, 3))
+    field[0, 0, 0], field[2, 1, 2] = 20.5, 1.5
+    np.testing.assert_allclose(cloud.extinction, field, rtol=1e-6)
+    assert cloud.spacing == pytest.approx([0.05, 0.06, 0.04])
+    assert cloud.bottom == pytest.approx(0.48)
+    warning = command_line_run("cloud", "import", path, "--out", tmp_path / "a.nc").stderr
+    assert "contains that of the air if propgen added Rayleigh scattering; the least value is 0 km-1" in warning
+
+
+@pytest.mark.parametrize("stated", [False, True])
+def test_a_data_set_of_at3d(tmp_path, load, stated):
+    """Written by xarray on the axes x, y, z of AT3D, without units unless they are stated."""
+    path = tmp_path / "cloud.nc"
+    axes = ("x", "y", "z")
+    fields = {"density": (axes, 0.3 * WATER.T), "reff": (axes, 8.0 + WATER.T), "delx": 0.05, "dely": 0.06}
+    coordinates = {"x": 0.05 * np.arange(6), "y": 0.06 * np.arange(5), "z": 0.54 + 0.04 * np.arange(4)}
+    dataset = xr.Dataset(fields, coordinates)
+    options = ("--variable", "density") if stated else ()
+    if stated:
+        units = {"density": "mg m-3", "reff": "um", "x": "km", "y": "km", "z": "km"}
+        for name, unit in units.items():
+            dataset[name].attrs["units"] = unit
+        dataset["density"] = 1e3 * dataset["density"].assign_attrs(dataset["density"].attrs)
+        dataset["density"].attrs["units"] = "mg m-3"
+    dataset.to_netcdf(path)
+    cloud = load(path, *options)
+    np.testing.assert_allclose(cloud.water, 0.3 * WATER, rtol=1e-6)
+    np.testing.assert_allclose(cloud.radius[WATER > 0], 8.0 + WATER[WATER > 0], rtol=1e-6)
+    assert cloud.spacing == pytest.approx([0.05, 0.06, 0.04])
+    assert cloud.bottom == pytest.approx(0.52)
+
+
+def test_several_times_and_the_history(tmp_path, command_line, refused):
+    path = tmp_path / "les.nc"
+    with netCDF4.Dataset(path, "w") as file:
+        file.history = "2020-01-01: a model"
+        file.createDimension("time", 3)
+        time = file.createVariable("time", "i4", ("time",))
+        time.units, time.calendar = "seconds since 2004-01-01", "noleap"
+        time[:] = [0, 60, 120]
+        axis(file, "z", 520.0 + 40.0 * np.arange(4))
+        columns(file)
+        lwc = file.createVariable("lwc", "f4", ("time", "z", "y", "x"))
+        lwc.units = "g m-3"
+        for step in range(3):
+            lwc[step] = (step + 1) * 0.3 * WATER
+    read = ("cloud", "import", path, "--spacing", "file", "--quiet", "--time")
+    command_line(*read, "all", "--out", tmp_path / "all")
+    command_line(*read, "1:3", "--out", tmp_path / "part.nc")
+    command_line(*read, "2", "--out", tmp_path / "one.nc")
+    command_line("regrid", tmp_path / "one.nc", "--like", tmp_path / "one.nc", "--out", tmp_path / "again.nc")
+    assert sorted(file.name for file in (tmp_path / "all").iterdir()) == [f"les_000{step}.nc" for step in range(3)]
+    assert sorted(file.name for file in tmp_path.glob("part*")) == ["part_0001.nc", "part_0002.nc"]
+    for step in range(3):
+        with xr.open_dataset(tmp_path / "all" / f"les_000{step}.nc", decode_times=False) as cloud:
+            np.testing.assert_allclose(cloud.lwc, (step + 1) * 0.3 * WATER, rtol=1e-6)
+            assert cloud.time.shape == () and cloud.time == 60 * step
+            assert cloud.time.attrs["units"] == "seconds since 2004-01-01"
+            assert cloud.time.attrs["calendar"] == "noleap"
+            line, before = cloud.attrs["history"].split("\n")
+            assert line.startswith("deepct ") and line.endswith(f": cloud import les.nc --time {step}")
+            assert before == "2020-01-01: a model"
+    same = [(tmp_path / name).read_bytes() for name in ("all/les_0002.nc", "one.nc", "part_0002.nc")]
+    assert same[0] == same[1] == same[2]
+    with xr.open_dataset(tmp_path / "again.nc", decode_times=False) as cloud:
+        assert cloud.time == 120 and cloud.time.attrs["calendar"] == "noleap"
+        assert [line.split(": ")[1] for line in cloud.attrs["history"].split("\n")] == [
+            "regrid one.nc", "cloud import les.nc --time 2", "a model"
+        ]
+    assert "time: has 3 times; choose --time within 0:3" in refused(path, "--time", "1:9")
 
 
 def test_clouds_that_are_not_isolated_are_counted(tmp_path, command_line):

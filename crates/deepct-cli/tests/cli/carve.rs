@@ -16,7 +16,12 @@ fn scene(program: &Program) -> Grid {
     });
     let observation =
         Observation::new(Sun::default(), views, ViewStack::new(radiance).unwrap()).unwrap();
-    let provenance = Provenance { title: "A test".into(), configuration: String::new(), seed: 0 };
+    let provenance = Provenance {
+        title: "A test".into(),
+        configuration: String::new(),
+        seed: 0,
+        ..Provenance::default()
+    };
     write_observation(program.path("N.nc"), &observation, &provenance).unwrap();
     write_volume(program.path("C.nc"), &Volume::constant(grid, 1.0), &provenance).unwrap();
     grid

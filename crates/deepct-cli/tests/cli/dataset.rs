@@ -37,7 +37,12 @@ fn moisten(program: &Program, name: &str) {
     let mut cloud = read_cloud(&path).unwrap();
     let droplets = cloud.microphysics.as_mut().unwrap();
     droplets.liquid_water_content.mapv_inplace(|water| 1.5 * water);
-    let provenance = Provenance { title: "a test".into(), configuration: String::new(), seed: 0 };
+    let provenance = Provenance {
+        title: "a test".into(),
+        configuration: String::new(),
+        seed: 0,
+        ..Provenance::default()
+    };
     write_cloud(&path, &cloud, &provenance).unwrap();
 }
 

@@ -9,7 +9,12 @@ use serde_json::Value;
 const BALL: DVec3 = DVec3::new(1.1, 0.5, 0.8);
 
 fn provenance() -> Provenance {
-    Provenance { title: "A test".into(), configuration: String::new(), seed: 0 }
+    Provenance {
+        title: "A test".into(),
+        configuration: String::new(),
+        seed: 0,
+        ..Provenance::default()
+    }
 }
 
 fn images() -> Program {

@@ -17,7 +17,12 @@ use std::collections::BTreeMap;
 const TARGET: DVec3 = DVec3::new(0.4, 0.3, 1.0);
 
 fn provenance() -> Provenance {
-    Provenance { title: "A test".into(), configuration: String::new(), seed: 0 }
+    Provenance {
+        title: "A test".into(),
+        configuration: String::new(),
+        seed: 0,
+        ..Provenance::default()
+    }
 }
 
 /// Images with a bright rectangle in every view.
@@ -341,7 +346,7 @@ fn long_images_are_estimated_in_tiles() {
     });
     let images = ViewStack::new(radiance).unwrap();
     let observation = Observation::new(Sun::default(), views, images).unwrap();
-    let provenance = Provenance { title: "A test".into(), configuration: String::new(), seed: 0 };
+    let provenance = Provenance { title: "A test".into(), ..Provenance::default() };
     write_observation(program.path("I.nc"), &observation, &provenance).unwrap();
     let estimator = Estimator::new(load_trained_weights("general").unwrap());
     let geometry = observation.imaging_geometry().unwrap();

@@ -17,7 +17,12 @@ fn ball(program: &Program) -> Volume {
             *extinction = 20.0;
         }
     }
-    let provenance = Provenance { title: "A ball".into(), configuration: "".into(), seed: 0 };
+    let provenance = Provenance {
+        title: "A ball".into(),
+        configuration: "".into(),
+        seed: 0,
+        ..Provenance::default()
+    };
     let cloud = Cloud::from_extinction(ball.clone()).unwrap();
     write_cloud(program.path("C.nc"), &cloud, &provenance).unwrap();
     program.succeed("render C.nc --views cloudct-10 --samples 256 --out I.nc");
@@ -147,7 +152,7 @@ fn a_hybrid_of_a_field_is_computed_in_tiles() {
         let inside = (3..9).contains(&k) && (5..11).contains(&j) && (i + 4) % 16 < 8;
         *extinction = if inside { 25.0 } else { 0.0 };
     }
-    let provenance = Provenance { title: "Blocks".into(), configuration: "".into(), seed: 0 };
+    let provenance = Provenance { title: "Blocks".into(), ..Provenance::default() };
     let cloud = Cloud::from_extinction(truth.clone()).unwrap();
     write_cloud(program.path("C.nc"), &cloud, &provenance).unwrap();
     program.succeed(

@@ -7,7 +7,12 @@ use deepct_core::scene::{Formation, Observation, Sun};
 use ndarray::Array3;
 
 fn scene(program: &Program) {
-    let provenance = Provenance { title: "A test".into(), configuration: String::new(), seed: 0 };
+    let provenance = Provenance {
+        title: "A test".into(),
+        configuration: String::new(),
+        seed: 0,
+        ..Provenance::default()
+    };
     let volume = |shape: [usize; 3]| {
         let grid = Grid::new(DVec3::ZERO, DVec3::splat(0.05), shape).unwrap();
         let values = Array3::from_shape_fn(shape, |(k, j, i)| (k * j * i) as f32);

@@ -13,7 +13,12 @@ fn cloud(program: &Program, name: &str) {
     let extinction =
         Array3::from_shape_fn(grid.shape, |voxel| if inside(voxel) { 40.0 } else { 0.0 });
     let cloud = Cloud::from_extinction(Volume::new(grid, extinction).unwrap()).unwrap();
-    let provenance = Provenance { title: "A test".into(), configuration: String::new(), seed: 0 };
+    let provenance = Provenance {
+        title: "A test".into(),
+        configuration: String::new(),
+        seed: 0,
+        ..Provenance::default()
+    };
     write_cloud(program.path(name), &cloud, &provenance).unwrap();
 }
 
@@ -63,7 +68,12 @@ fn droplets(program: &Program, name: &str) {
         effective_variance: at(0.1),
     };
     let cloud = Cloud::from_microphysics(grid, droplets).unwrap();
-    let provenance = Provenance { title: "A test".into(), configuration: String::new(), seed: 0 };
+    let provenance = Provenance {
+        title: "A test".into(),
+        configuration: String::new(),
+        seed: 0,
+        ..Provenance::default()
+    };
     write_cloud(program.path(name), &cloud, &provenance).unwrap();
 }
 
@@ -84,7 +94,12 @@ fn rendering_and_scoring_take_the_same_extinction() {
         let values = vec![0.0, extinction as f32, 0.0];
         let values = Array3::from_shape_vec((1, 1, 3), values).unwrap();
         let volume = Volume::new(grid, values).unwrap();
-        let provenance = Provenance { title: "V".into(), configuration: String::new(), seed: 0 };
+        let provenance = Provenance {
+            title: "V".into(),
+            configuration: String::new(),
+            seed: 0,
+            ..Provenance::default()
+        };
         write_volume(program.path("V.nc"), &volume, &provenance).unwrap();
     };
     for (settings, extinction) in [
@@ -242,8 +257,7 @@ fn an_extinction_may_be_trilinear() {
         };
         let extinction = Volume::new(grid, Array3::from_shape_fn(grid.shape, value)).unwrap();
         let cloud = Cloud::from_extinction(extinction).unwrap();
-        let provenance =
-            Provenance { title: "A test".into(), configuration: String::new(), seed: 0 };
+        let provenance = Provenance { title: "A test".into(), ..Provenance::default() };
         write_cloud(program.path(name), &cloud, &provenance).unwrap();
     };
     write("C.nc", |level| (1..4).contains(&level));

@@ -7,7 +7,12 @@ use ndarray::Array3;
 fn write(program: &Program, name: &str, shape: [usize; 3], value: impl Fn(usize) -> f32) {
     let grid = Grid::new(DVec3::ZERO, DVec3::splat(0.05), shape).unwrap();
     let values = Array3::from_shape_fn(shape, |(_, _, i)| value(i));
-    let provenance = Provenance { title: "A test".into(), configuration: String::new(), seed: 0 };
+    let provenance = Provenance {
+        title: "A test".into(),
+        configuration: String::new(),
+        seed: 0,
+        ..Provenance::default()
+    };
     write_volume(program.path(name), &Volume::new(grid, values).unwrap(), &provenance).unwrap();
 }
 
@@ -18,7 +23,12 @@ fn scene(program: &Program) {
     write(program, "flat.nc", [2, 3, 4], |_| 5.0);
     let grid = Grid::new(DVec3::ZERO, DVec3::splat(0.05), [2, 3, 4]).unwrap();
     let values = Array3::from_shape_fn(grid.shape, |(_, _, i)| i == 0 || i == 3);
-    let provenance = Provenance { title: "A test".into(), configuration: String::new(), seed: 0 };
+    let provenance = Provenance {
+        title: "A test".into(),
+        configuration: String::new(),
+        seed: 0,
+        ..Provenance::default()
+    };
     write_mask(program.path("M.nc"), &Mask::new(grid, values).unwrap(), &provenance).unwrap();
 }
 

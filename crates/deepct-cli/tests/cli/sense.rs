@@ -13,7 +13,12 @@ fn images(program: &Program, name: &str, sign: f32) {
         Array3::from_shape_fn((10, 8, 8), |(_, _, col)| sign * 0.03 * (col as f32 + 1.0));
     let images = ViewStack::new(radiance).unwrap();
     let observation = Observation::new(Sun::default(), views, images).unwrap();
-    let provenance = Provenance { title: "A test".into(), configuration: String::new(), seed: 0 };
+    let provenance = Provenance {
+        title: "A test".into(),
+        configuration: String::new(),
+        seed: 0,
+        ..Provenance::default()
+    };
     write_observation(program.path(name), &observation, &provenance).unwrap();
 }
 

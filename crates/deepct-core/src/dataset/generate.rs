@@ -188,8 +188,12 @@ impl<'a> Generator<'a> {
         let observation = Observation::new(light, self.views.clone(), images)?;
         let configuration = serde_json::to_string(self.settings).unwrap_or_default();
         let seed = self.settings.seed;
-        let provenance =
-            Provenance { title: "deepct dataset generate".into(), configuration, seed };
+        let provenance = Provenance {
+            title: "deepct dataset generate".into(),
+            configuration,
+            seed,
+            ..Provenance::default()
+        };
         let extinction = Some(scene.medium.extinction.values);
         io::write_sample(path, &Cloud { extinction, ..cloud }, &observation, &provenance)
     }

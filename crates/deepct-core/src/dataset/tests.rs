@@ -30,7 +30,12 @@ fn simulation(folder: &Path) -> DatasetSettings {
     );
     let droplets = Microphysics::from_droplet_number(water, 100.0).unwrap();
     let field = Cloud::from_microphysics(grid, droplets).unwrap();
-    let provenance = Provenance { title: "a test".into(), configuration: "".into(), seed: 0 };
+    let provenance = Provenance {
+        title: "a test".into(),
+        configuration: "".into(),
+        seed: 0,
+        ..Provenance::default()
+    };
     io::write_cloud(folder.join("field.nc"), &field, &provenance).unwrap();
     DatasetSettings {
         seed: 5,

@@ -103,6 +103,7 @@ impl Case {
                 title: format!("{}: truth and noisy images", self.name),
                 configuration: toml::to_string(settings).expect("plain numbers and text"),
                 seed: settings.seed,
+                ..Provenance::default()
             };
             io::write_sample(path, &cloud, &observation, &provenance)?;
         }

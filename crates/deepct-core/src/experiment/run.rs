@@ -181,6 +181,7 @@ impl MethodRunner<'_> {
             title: title.clone(),
             configuration: toml::to_string(self.settings).expect("plain numbers and text"),
             seed: self.settings.seed,
+            ..Provenance::default()
         };
         let volume = self.file("volumes", case, method, "nc");
         io::write_reconstruction(

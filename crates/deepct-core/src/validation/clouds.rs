@@ -252,6 +252,7 @@ impl CloudCase {
                 title: format!("Monte Carlo images of {}", self.name),
                 configuration: format!("noise {noise}"),
                 seed,
+                ..crate::io::Provenance::default()
             };
             crate::io::write_observation(&path, &observation, &provenance)?;
             return Ok(observation);

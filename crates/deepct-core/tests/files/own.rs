@@ -11,7 +11,12 @@ use ndarray::{Array1, Array3, s};
 use std::path::Path;
 
 pub(crate) fn provenance() -> Provenance {
-    Provenance { title: "a test".into(), configuration: "samples = 3\n".into(), seed: u64::MAX }
+    Provenance {
+        title: "a test".into(),
+        configuration: "samples = 3\n".into(),
+        seed: u64::MAX,
+        ..Provenance::default()
+    }
 }
 
 pub(crate) fn grid() -> Grid {
@@ -103,7 +108,12 @@ fn files_record_how_they_were_made_and_are_the_same_each_time() {
     let file = hdf5::File::open(&path).unwrap();
     assert_eq!(file.attr("seed").unwrap().read_scalar::<i32>().unwrap(), 7);
     // More than HDF5 stores in the header of a group; and no text at all.
-    let long = Provenance { title: String::new(), configuration: "é".repeat(60_000), seed: 7 };
+    let long = Provenance {
+        title: String::new(),
+        configuration: "é".repeat(60_000),
+        seed: 7,
+        ..Provenance::default()
+    };
     io::write_volume(&path, &volume, &long).unwrap();
     assert_eq!(io::read_volume(&path).unwrap(), volume);
     let file = hdf5::File::open(&path).unwrap();

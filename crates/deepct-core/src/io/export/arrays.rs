@@ -3,6 +3,7 @@
 use crate::cloud::Cloud;
 use crate::error::{Error, Result};
 use crate::grid::{Grid, Mask, Volume};
+use crate::io::arrays::{CORNER, SPACING};
 use crate::math::DVec3;
 use crate::network::Estimate;
 use crate::optics::extinction;
@@ -100,7 +101,8 @@ impl Fields {
         })
     }
 
-    /// The coordinates `x`, `y` and `z` (km, of the centres of the voxels), and the fields.
+    /// The coordinates `x`, `y` and `z` (km, of the centres of the voxels), the lower corner and the size
+    /// of a voxel (km, along x, y, z), and the fields.
     pub(super) fn arrays(&self) -> Vec<NamedArray> {
         let axes = ["x", "y", "z"].into_iter().zip(self.grid.axes());
         let axes = axes.map(|(name, centers)| doubles(name, Array1::from(centers).into_dyn()));
@@ -108,7 +110,10 @@ impl Fields {
             name: field.name,
             values: Numbers::Single(field.values.clone().into_dyn()),
         });
-        axes.chain(fields).collect()
+        let Grid { origin, spacing, .. } = self.grid;
+        let grid = [(CORNER, origin), (SPACING, spacing)]
+            .map(|(name, point)| doubles(name, Array1::from(point.to_array().to_vec()).into_dyn()));
+        axes.chain(grid).chain(fields).collect()
     }
 }
 

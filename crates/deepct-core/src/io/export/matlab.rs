@@ -3,6 +3,7 @@
 
 use super::arrays::{NamedArray, Numbers};
 use crate::error::{Error, Result};
+use crate::io::arrays::MATLAB_MARK;
 use ndarray::ArrayD;
 use std::path::Path;
 
@@ -25,7 +26,7 @@ const TEXT: usize = 124;
 /// Write arrays under their names; an array `[z, y, x]` has the indices `(z, y, x)`, and one with a
 /// single axis is a row.
 pub(super) fn write(path: &Path, arrays: &[NamedArray]) -> Result<()> {
-    let mut bytes = format!("{:TEXT$}", "MATLAB 5.0 MAT-file, written by deepct").into_bytes();
+    let mut bytes = format!("{MATLAB_MARK:TEXT$}").into_bytes();
     // The version, and the byte order: the letters of "MI" as a number.
     bytes.extend(0x0100_u16.to_le_bytes());
     bytes.extend(b"IM");

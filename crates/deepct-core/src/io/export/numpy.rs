@@ -2,8 +2,11 @@
 
 use super::arrays::{NamedArray, Numbers};
 use crate::error::{Error, Result};
-use ndarray_npy::NpzWriter;
+use crate::io::arrays::MARK;
+use ndarray_npy::WriteNpyExt;
 use std::path::Path;
+use zip::write::SimpleFileOptions;
+use zip::{CompressionMethod, ZipWriter};
 
 /// Write arrays under their names.
 pub(super) fn write(path: &Path, arrays: &[NamedArray]) -> Result<()> {
@@ -13,15 +16,23 @@ pub(super) fn write(path: &Path, arrays: &[NamedArray]) -> Result<()> {
         let problem = format!("cannot be written: {problem}");
         Error::file(path, "file", problem, "check that the disk has room")
     };
-    let mut archive = NpzWriter::new(std::io::BufWriter::new(file));
+    let mut archive = ZipWriter::new(std::io::BufWriter::new(file));
+    archive.set_comment(MARK);
+    let options = SimpleFileOptions::default().compression_method(CompressionMethod::Stored);
+    let options = options.large_file(true);
     for NamedArray { name, values } in arrays {
+        archive
+            .start_file(format!("{name}.npy"), options)
+            .map_err(|problem| failed(problem.to_string()))?;
+        let member = std::io::BufWriter::new(&mut archive);
         let added = match values {
-            Numbers::Single(values) => archive.add_array(*name, values),
-            Numbers::Double(values) => archive.add_array(*name, values),
-            Numbers::Byte(values) => archive.add_array(*name, values),
+            Numbers::Single(values) => values.write_npy(member),
+            Numbers::Double(values) => values.write_npy(member),
+            Numbers::Byte(values) => values.write_npy(member),
         };
         added.map_err(|problem| failed(problem.to_string()))?;
     }
-    archive.finish().map_err(|problem| failed(problem.to_string()))?;
+    let file = archive.finish().map_err(|problem| failed(problem.to_string()))?;
+    file.into_inner().map_err(|problem| Error::io(path)(problem.into_error()))?;
     output.finish()
 }

@@ -2,6 +2,7 @@
 
 use super::Fields;
 use crate::error::{Error, Result};
+use crate::io::arrays::MARK;
 use std::fmt::Write as _;
 use std::io::Write as _;
 use std::path::Path;
@@ -49,6 +50,7 @@ fn header(fields: &Fields) -> String {
     let first = fields.iter().next().map_or("", |field| field.name);
     format!(
         r#"<?xml version="1.0"?>
+<!-- {MARK} -->
 <VTKFile type="ImageData" version="1.0" byte_order="LittleEndian" header_type="UInt64">
 <ImageData WholeExtent="{extent}" Origin="{} {} {}" Spacing="{} {} {}">
 <Piece Extent="{extent}">

@@ -92,8 +92,8 @@ impl Layout {
                 None if name.is_empty() => {
                     return Err(variable.error(
                         format!("has axes without names, of the lengths {:?}", variable.shape),
-                        "state their order and the sizes of the cells (km) with --axes and --spacing, \
-                         such as --axes z,y,x --spacing 0.05,0.05,0.04",
+                        "state their order and the sizes of the cells (km) with --axes and --spacing \
+                         of `cloud import`, such as --axes z,y,x --spacing 0.05,0.05,0.04",
                     ));
                 }
                 None => {

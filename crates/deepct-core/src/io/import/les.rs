@@ -10,10 +10,12 @@ use crate::cloud::{Cloud, Microphysics, Spectrum, doubling_radii};
 use crate::error::Result;
 use crate::grid::resample::{resample, uniform_edges};
 use crate::grid::{Grid, Volume};
-use crate::io::netcdf::{Input, Variable};
+use crate::io::arrays::is_array_file;
+use crate::io::netcdf::{Input, Lineage, Time, Variable, is_netcdf};
 use crate::io::plausible::Checks;
 use crate::io::units::Unit;
 use ndarray::{Array3, Axis, Zip};
+use std::collections::BTreeMap;
 use std::path::Path;
 
 /// The radius of the first bin (um).
@@ -26,6 +28,8 @@ const UNDERSHOOT: f32 = 1e-3;
 const TRACE: f32 = 1e-3;
 /// Represents liquid water that the file declares as missing.
 const MISSING: f32 = f32::MIN;
+/// The liquid water content in data sets of AT3D.
+const AT3D_WATER: &str = "density";
 /// Largest mixing ratio (g/kg) of clouds: larger ones are not in the unit that is assumed.
 const LARGEST_RATIO: f32 = 50.0;
 
@@ -67,8 +71,18 @@ pub fn read_les(
 ) -> Result<(Cloud, ImportReport)> {
     let path = path.as_ref();
     let input = Input::open(path)?.with_axes(settings.axes.map(Axes::names));
-    let input = input.with_units(&settings.units)?;
     let mut checks = Checks::new(path, settings.allow_implausible);
+    let known = units_of_at3d(&input, &mut checks);
+    let water = known.contains_key(AT3D_WATER).then(|| AT3D_WATER.to_owned());
+    let settings = &ImportSettings {
+        units: known.into_iter().chain(settings.units.clone()).collect(),
+        variable: settings.variable.clone().or(water),
+        ..settings.clone()
+    };
+    let input = input.with_units(&settings.units)?;
+    if let Some(assumption) = input.assumption().filter(|_| settings.units.is_empty()) {
+        checks.warn(assumption);
+    }
     let field = find_field(&input, settings, &mut checks)?;
     let variable = input.variable(field.name())?;
     if settings.axes.is_some() && !variable.has_stated_axes {
@@ -115,8 +129,54 @@ pub fn read_les(
     };
     simulation.check_below(&variable, z.below)?;
     let cloud = simulation.cloud(&field, [z_edges, &y_edges, &x_edges], grid)?;
+    let lineage = simulation.lineage(&variable);
     let (taken, warnings) = simulation.checks.into_notes_and_warnings();
-    Ok((cloud, ImportReport { taken, warnings }))
+    Ok((cloud, ImportReport { taken, warnings, lineage }))
+}
+
+/// The number of times in a file of a simulation: 1 for a field without times, and for a text file.
+///
+/// # Errors
+/// As [`read_les`], for the variable that describes the cloud.
+pub fn count_times(path: impl AsRef<Path>, settings: &ImportSettings) -> Result<usize> {
+    let path = path.as_ref();
+    if !is_array_file(path) && !is_netcdf(path) {
+        return Ok(1);
+    }
+    let input = Input::open(path)?.with_axes(settings.axes.map(Axes::names));
+    let field = find_field(&input, settings, &mut Checks::new(path, true))?;
+    let variable = input.variable(field.name())?;
+    Ok(Layout::of(&input, &variable)?.length(&variable, Kind::Time))
+}
+
+/// The units of the variables of a data set of AT3D, which states none; empty for other files. AT3D
+/// documents them: its grid is in km, as are the steps `delx` and `dely` that every one has.
+fn units_of_at3d(input: &Input, checks: &mut Checks) -> BTreeMap<String, String> {
+    const UNITS: [(&str, &str); 6] = [
+        (AT3D_WATER, "g m-3"),
+        ("reff", "um"),
+        ("extinction", "km-1"),
+        ("x", "km"),
+        ("y", "km"),
+        ("z", "km"),
+    ];
+    if !["delx", "dely", "x", "y", "z"].into_iter().all(|name| input.has(name)) {
+        return BTreeMap::new();
+    }
+    let bare = UNITS.into_iter().filter(|(name, _)| {
+        let variable = input.has(name).then(|| input.variable(name).ok()).flatten();
+        variable.is_some_and(|variable| variable.unit_text().is_none())
+    });
+    let units: BTreeMap<_, _> =
+        bare.map(|(name, unit)| (name.to_owned(), unit.to_owned())).collect();
+    if !units.is_empty() {
+        let texts: Vec<_> = units.iter().map(|(name, unit)| format!("{name} in {unit}")).collect();
+        checks.warn(format!(
+            "is a data set of AT3D without units, and is read in those of AT3D: {} (--units states others)",
+            texts.join(", ")
+        ));
+    }
+    units
 }
 
 /// The cells of the variable along z, y and x. The size of a single cell without bounds is that of
@@ -130,8 +190,11 @@ fn cells_of(
     checks: &mut Checks,
 ) -> Result<[Cells; 3]> {
     let spacing = |axis: usize| settings.spacing.map(|spacing| spacing[axis]);
-    let has_none = |kind| coordinate(input, layout.name(kind), kind).is_none();
-    if settings.axes.is_some() && [Kind::X, Kind::Y, Kind::Z].into_iter().all(has_none) {
+    let lacks = |kind| {
+        let axis = coordinate(input, layout.name(kind), kind);
+        axis.is_none_or(|axis| axis.shape != [layout.length(variable, kind)])
+    };
+    if settings.axes.is_some() && [Kind::X, Kind::Y, Kind::Z].into_iter().any(lacks) {
         return stated_cells(layout, variable, settings, checks);
     }
     let x = cells::horizontal(input, layout, variable, Kind::X, None, checks)?;
@@ -211,6 +274,19 @@ impl<'a> Simulation<'a> {
         };
         self.checks.droplets(&droplets)?;
         resample_droplets(&droplets, edges, &grid)
+    }
+
+    /// The time that was read, and the history of the file.
+    fn lineage(&self, variable: &Variable) -> Lineage {
+        let name = self.layout.name(Kind::Time);
+        let along = coordinate(self.input, name, Kind::Time).filter(|_| !name.is_empty());
+        // Many programs keep the time of a field that they select as a scalar.
+        let alone = || self.input.variable("time").ok().filter(|time| time.shape.is_empty());
+        let time = match self.layout.length(variable, Kind::Time) {
+            0 => None,
+            _ => along.or_else(alone).and_then(|axis| Time::at(&axis, self.window.time)),
+        };
+        Lineage { time, history: self.input.text("history").unwrap_or_default() }
     }
 
     /// Note that no water was read, or that there is some in the levels next to the grid.

@@ -1,4 +1,5 @@
-//! Import of clouds: large-eddy simulations in netCDF, and the text formats of pySHDOM and AT3D.
+//! Import of clouds: large-eddy simulations in netCDF, arrays of other programs, and the text formats of
+//! pySHDOM, AT3D, SHDOM and MYSTIC.
 //!
 //! Fields of all formats are resampled to the requested grid by [`crate::grid::resample`]:
 //! conservatively to coarser cells and between stretched levels, linearly to finer cells of one size.
@@ -11,18 +12,18 @@ mod les;
 mod text;
 mod water;
 
-pub use les::read_les;
+pub use les::{count_times, read_les};
 pub use text::read_text;
 
 use crate::cloud::Cloud;
 use crate::error::{Error, Result};
 use crate::grid::Grid;
 use crate::grid::resample;
-use crate::io::netcdf::is_hdf5;
+use crate::io::arrays::{expected_by_name, is_array_file};
+use crate::io::netcdf::{Lineage, is_netcdf};
 use crate::math::DVec3;
 use std::collections::BTreeMap;
 use std::fmt;
-use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
@@ -139,12 +140,14 @@ impl fmt::Display for AirDensity {
 }
 
 /// What an import found in a file.
-#[derive(Debug, Clone, Default, PartialEq, Eq)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct ImportReport {
     /// The variable from which each quantity was taken, and what was assumed.
     pub taken: Vec<String>,
     /// What may be wrong.
     pub warnings: Vec<String>,
+    /// The time that was read, and the history of the file.
+    pub lineage: Lineage,
 }
 
 impl Default for ImportSettings {
@@ -180,8 +183,8 @@ pub struct Crop {
     pub ny: usize,
 }
 
-/// Read a cloud in any supported format: netCDF and HDF5 by [`read_les`], all other files by
-/// [`read_text`]. Returns the cloud and a report about it.
+/// Read a cloud in any supported format: netCDF, HDF5 and collections of arrays (NumPy, MATLAB, pickles,
+/// Mitsuba, VTK) by [`read_les`], all other files by [`read_text`]. Returns the cloud and a report about it.
 ///
 /// # Errors
 /// As [`read_les`] and [`read_text`].
@@ -198,18 +201,9 @@ pub fn import_cloud(
         return Err(Error::file(path, "file", what, remedy));
     }
     crate::files::check_regular(path)?;
-    let mut start = [0; 6];
-    let read = std::fs::File::open(path).and_then(|mut file| file.read_exact(&mut start));
-    match (read, &start) {
-        (Ok(()), [b'C', b'D', b'F', 1 | 2 | 5, ..]) => read_les(path, settings),
-        _ if is_hdf5(path) => read_les(path, settings),
-        (Ok(()), b"MATLAB") => {
-            let problem = "is a MATLAB file of version 5 to 7, which is not read";
-            let remedy =
-                "save it with -v7.3 in MATLAB, or convert it with scipy.io.loadmat and xarray";
-            Err(Error::file(path, "file", problem, remedy))
-        }
-        _ => read_text(path, settings),
+    match is_netcdf(path) || is_array_file(path) {
+        true => read_les(path, settings),
+        false => expected_by_name(path).map_or_else(|| read_text(path, settings), Err),
     }
 }
 

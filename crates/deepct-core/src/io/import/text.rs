@@ -16,6 +16,13 @@
 //! A file of MYSTIC (libRadtran) begins with `nx ny nz flag` and `dx dy z0 z1 ...` with the nz + 1 faces
 //! of the levels. The rows, whose indices start at 1, are `i j k extinction asymmetry albedo` for the
 //! flag 1, `i j k extinction reff` for 2 and `i j k lwc reff` for 3, with the extinction in 1/km.
+//!
+//! Property files of SHDOM have the extinction in 1/km on `nx ny nz`, `dx dy z1 z2 ...`, in rows whose
+//! indices start at 1. Those of the type `E` state the temperatures, then albedo and phase function, and
+//! have rows `i j k extinction`. Those of the type `T` state a number of phase functions and each of
+//! them, and have rows `i j k temperature extinction albedo number`. Those without a type have rows
+//! `i j k temperature extinction albedo n chi1 ... chin`. A phase function is the number of its
+//! coefficients and the coefficients.
 
 use super::{Crop, ImportReport, ImportSettings, edges_of, grid_over};
 use crate::cloud::resample::resample_droplets;
@@ -47,7 +54,16 @@ struct Header {
     columns: Columns,
     /// The index of the first voxel along each axis.
     first: usize,
-    is_of_mystic: bool,
+    format: Format,
+}
+
+/// The formats, as far as their rows differ.
+#[derive(Clone, Copy, PartialEq)]
+enum Format {
+    Particles,
+    Mystic,
+    /// Optical properties of SHDOM.
+    Properties,
 }
 
 /// The positions of the values in a row, and the number of its fields.
@@ -61,6 +77,8 @@ struct Columns {
     radius: Option<usize>,
     variance: Option<usize>,
     count: usize,
+    /// The column with the number of columns that follow it, which is the last of the `count`.
+    more: Option<usize>,
 }
 
 /// What a row states of the droplets.
@@ -126,7 +144,15 @@ pub fn read_text(
     let cloud = match (header.columns.of, header.columns.radius) {
         (Amount::Extinction, None) => {
             checks.extinction("extinction", &amount)?;
-            checks.note("extinction: of the file; its asymmetry and albedo are not read");
+            checks.note("extinction: of the file; its phase functions and albedo are not read");
+            if header.format == Format::Properties {
+                let least = amount.iter().copied().fold(f32::INFINITY, f32::min);
+                checks.warn(format!(
+                    "the extinction of a property file of SHDOM contains that of the air if propgen added \
+                     Rayleigh scattering; the least value is {least} km-1 (the file of particles from which \
+                     it was made has none of the air)"
+                ));
+            }
             let extinction = resample(&columns(&amount, crop), [&z, &y, &x], &grid)?;
             Cloud::from_extinction(Volume::new(grid, extinction)?)?
         }
@@ -157,7 +183,7 @@ pub fn read_text(
         (_, microphysics) => Cloud { microphysics, ..cloud },
     };
     let (taken, warnings) = checks.into_notes_and_warnings();
-    Ok((cloud, ImportReport { taken, warnings }))
+    Ok((cloud, ImportReport { taken, warnings, ..ImportReport::default() }))
 }
 
 impl<'a> Lines<'a> {
@@ -198,9 +224,9 @@ impl<'a> Lines<'a> {
         let what = "the counts nx, ny, nz";
         let title = self.lines.first().map_or("", |(_, line)| *line).to_lowercase();
         let of_shdom = title.split_whitespace().eq(["2", "parameter", "lwc", "file"]);
-        if is_property_file(&title) {
-            let problem = "is that of a file of optical properties of SHDOM, whose extinction may contain \
-                           that of the air";
+        let properties = property_type(&title);
+        if properties == Some('p') {
+            let problem = "is that of a polarized property file of SHDOM, which is not read";
             let remedy =
                 "give the file of particles from which it was made (\"2 parameter LWC file\")";
             return Err(Error::file(self.path, "line 1", problem, remedy));
@@ -222,7 +248,7 @@ impl<'a> Lines<'a> {
                 return Err(self.error(line, problem));
             }
         };
-        let has_faces = of_shdom || flag.is_some();
+        let has_faces = of_shdom || flag.is_some() || properties.is_some();
         let voxels = nx.checked_mul(ny).and_then(|columns| columns.checked_mul(nz));
         if !voxels.is_some_and(|count| (1..=MAX_VOXELS).contains(&count)) {
             return Err(self.error(line, format!("declares {nx} x {ny} x {nz} voxels")));
@@ -230,7 +256,7 @@ impl<'a> Lines<'a> {
         memory::check("memory for the grid", voxels.unwrap_or(0) as f64, 32.0)
             .map_err(Error::in_file(self.path))?;
         let (line, mut steps) = self.numbers("the steps dx, dy")?;
-        let ((line_of_z, z), names_required) = if steps.len() == 2 {
+        let ((line_of_z, z), names_required) = if steps.len() == 2 && properties.is_none() {
             (self.numbers("the altitudes")?, true)
         } else {
             ((line, steps.split_off(steps.len().min(2))), false)
@@ -239,6 +265,7 @@ impl<'a> Lines<'a> {
             let expected = match (flag, of_shdom) {
                 (Some(_), _) => format!("nz + 1 = {}", nz + 1),
                 (None, true) => format!("nz = {nz} or nz + 1"),
+                (None, false) if properties.is_some() => format!("nz = {nz} or nz + 1"),
                 (None, false) => format!("nz = {nz}"),
             };
             let problem = format!("has {} altitudes, not {expected}", z.len());
@@ -254,22 +281,67 @@ impl<'a> Lines<'a> {
                 return Err(self.error(line, problem));
             }
         }
-        let columns = match flag {
-            Some(flag) => Columns::of_mystic(flag),
-            None => self.columns(names_required && !of_shdom)?,
+        let (columns, format) = match (flag, properties) {
+            (Some(flag), _) => (Columns::of_mystic(flag), Format::Mystic),
+            (None, Some(kind)) => {
+                if kind == 'e' {
+                    self.list(z.len(), "the temperatures")?;
+                    self.phase_function(1)?;
+                } else {
+                    let count = self.list(1, "the number of phase functions")?[0];
+                    let count = whole(count).ok_or_else(|| {
+                        self.error(line_of_z + 1, "is no number of phase functions")
+                    })?;
+                    for _ in 0..count {
+                        self.phase_function(0)?;
+                    }
+                }
+                (Columns::of_properties(kind == 'e'), Format::Properties)
+            }
+            (None, None) if !of_shdom && !names_required && self.has_properties() => {
+                (Columns::of_all_properties(), Format::Properties)
+            }
+            (None, None) => (self.columns(names_required && !of_shdom)?, Format::Particles),
         };
+        let first = usize::from(has_faces || format == Format::Properties);
         match steps[..] {
-            [dx, dy] if dx > 0.0 && dy > 0.0 && dx.is_finite() && dy.is_finite() => Ok(Header {
-                shape: [nz, ny, nx],
-                dx,
-                dy,
-                z,
-                columns,
-                first: has_faces.into(),
-                is_of_mystic: flag.is_some(),
-            }),
+            [dx, dy] if dx > 0.0 && dy > 0.0 && dx.is_finite() && dy.is_finite() => {
+                Ok(Header { shape: [nz, ny, nx], dx, dy, z, columns, first, format })
+            }
             _ => Err(self.error(line, "does not hold two positive steps dx, dy (km)")),
         }
+    }
+
+    /// So many numbers, which may continue on further lines, as Fortran reads them: what follows on the
+    /// last line is passed over.
+    fn list(&mut self, count: usize, what: &str) -> Result<Vec<f64>> {
+        let mut numbers = Vec::new();
+        while numbers.len() < count {
+            numbers.extend(self.numbers(what)?.1);
+        }
+        Ok(numbers)
+    }
+
+    /// Pass over a phase function, whose number of coefficients follows `before` other numbers.
+    fn phase_function(&mut self, before: usize) -> Result<()> {
+        let what = "a phase function";
+        let (line, mut numbers) = self.numbers(what)?;
+        while numbers.len() <= before {
+            numbers.extend(self.numbers(what)?.1);
+        }
+        let count = whole(numbers[before]).filter(|count| *count <= MAX_VOXELS);
+        let count = count
+            .ok_or_else(|| self.error(line, "does not begin with a number of coefficients"))?;
+        let left = (before + 1 + count).saturating_sub(numbers.len());
+        self.list(left, what).map(|_| ())
+    }
+
+    /// Whether the next line is a row of a property file of SHDOM without a type: a temperature,
+    /// extinction, albedo and a phase function with the number of its coefficients.
+    fn has_properties(&self) -> bool {
+        let Some((_, line)) = self.lines.get(self.next) else { return false };
+        let row: Option<Vec<f64>> = fields(line).into_iter().map(number).collect();
+        row.is_some_and(|row| row.len() >= 7 && whole(row[6]) == Some(row.len() - 7))
     }
 
     /// The columns by their names, or, if the next line is a row of numbers, by their customary
@@ -286,6 +358,7 @@ impl<'a> Lines<'a> {
                 radius: Some(4),
                 variance: (names.len() == 6).then_some(5),
                 count: names.len(),
+                more: None,
             };
             return match names.len() {
                 5 | 6 => Ok(columns),
@@ -310,6 +383,7 @@ impl<'a> Lines<'a> {
                 radius: Some(radius),
                 variance: place(&["veff"]),
                 count: names.len(),
+                more: None,
             }),
             _ => Err(self.error(
                 line,
@@ -327,9 +401,11 @@ impl<'a> Lines<'a> {
         let mut from_zero = false;
         for &(line, text) in &self.lines[self.next..] {
             let fields = fields(text);
-            if fields.len() != columns.count {
-                let problem = format!("has {} fields, not {}", fields.len(), columns.count);
-                let problem = if fields.len() < columns.count {
+            let more = columns.more.and_then(|place| whole(number(fields.get(place)?)?));
+            let count = columns.count.saturating_add(more.unwrap_or(0));
+            if fields.len() != count {
+                let problem = format!("has {} fields, not {count}", fields.len());
+                let problem = if fields.len() < count {
                     format!("lacks a number: it {problem}")
                 } else {
                     problem
@@ -348,7 +424,10 @@ impl<'a> Lines<'a> {
             else {
                 return Err(self.error(line, "lacks a number, or contains a negative one"));
             };
-            if header.is_of_mystic && columns.of == Amount::Water && amount > LARGEST_WATER {
+            if header.format == Format::Mystic
+                && columns.of == Amount::Water
+                && amount > LARGEST_WATER
+            {
                 let problem = format!("has {amount} g/m3 of water, according to the flag 3");
                 let remedy =
                     "if the column is the extinction (1/km), write the flag 2 into the first line";
@@ -414,15 +493,37 @@ impl Columns {
             radius: (flag > 1).then_some(4),
             variance: None,
             count: if flag == 1 { 6 } else { 5 },
+            more: None,
         }
+    }
+
+    /// Those of a property file of SHDOM: with the extinction only, or with temperature, extinction,
+    /// albedo and the number of a phase function.
+    fn of_properties(extinction_only: bool) -> Self {
+        Self {
+            indices: [0, 1, 2],
+            amount: if extinction_only { 3 } else { 4 },
+            of: Amount::Extinction,
+            radius: None,
+            variance: None,
+            count: if extinction_only { 4 } else { 7 },
+            more: None,
+        }
+    }
+
+    /// Those of a property file of SHDOM in which every row has its phase function.
+    fn of_all_properties() -> Self {
+        Self { more: Some(6), ..Self::of_properties(false) }
     }
 }
 
-/// Whether the first line is that of a property file of SHDOM: a type, of which only the first letter
+/// The type of a property file of SHDOM, according to its first line, of which only the first letter
 /// counts.
-fn is_property_file(title: &str) -> bool {
+fn property_type(title: &str) -> Option<char> {
     let types = ["t", "p", "e", "tabulated phase", "polarized tabulated", "extinction only"];
-    types[..3].contains(&title) || types[3..].iter().any(|start| title.starts_with(start))
+    let is_type =
+        types[..3].contains(&title) || types[3..].iter().any(|start| title.starts_with(start));
+    title.chars().next().filter(|_| is_type)
 }
 
 /// The fields of a line: between commas if it has any, otherwise between spaces or tabs.

@@ -1,9 +1,10 @@
-//! The two formats of netCDF files behind one interface: netCDF-4, which is HDF5, and the classic
-//! format (netCDF-3).
+//! The formats of files with variables behind one interface: netCDF-4, which is HDF5, the classic format
+//! of netCDF (netCDF-3), and the collections of arrays of other programs.
 
 use super::classic::{self, Classic};
 use super::hdf5_file::{self, Hdf5};
 use crate::error::{Error, Result};
+use crate::io::arrays::{Array, Arrays, Number};
 use hdf5::H5Type;
 use ndarray::ArrayD;
 use std::ops::Range;
@@ -52,10 +53,11 @@ impl Real for f64 {
     }
 }
 
-/// An open file of either format.
+/// An open file.
 pub(super) enum Container {
     Hdf5(Hdf5),
     Classic(Classic),
+    Arrays(Arrays),
 }
 
 /// The storage of a variable.
@@ -63,6 +65,7 @@ pub(super) enum Container {
 pub(super) enum Stored<'a> {
     Hdf5(&'a hdf5::Dataset),
     Classic(&'a Classic, &'a classic::Variable),
+    Array(&'a Array),
 }
 
 impl Container {
@@ -73,7 +76,10 @@ impl Container {
     pub(super) fn open(path: &Path) -> Result<Self> {
         match hdf5_file::first_bytes(path, 0)?.as_slice() {
             [b'C', b'D', b'F', 1 | 2 | 5, ..] => Classic::open(path).map(Self::Classic),
-            _ => Hdf5::open(path).map(Self::Hdf5),
+            _ => match Arrays::open(path)? {
+                Some(arrays) => Ok(Self::Arrays(arrays)),
+                None => Hdf5::open(path).map(Self::Hdf5),
+            },
         }
     }
 
@@ -82,6 +88,7 @@ impl Container {
         match self {
             Self::Hdf5(file) => file.names(),
             Self::Classic(file) => file.names(),
+            Self::Arrays(file) => file.names(),
         }
     }
 
@@ -95,6 +102,7 @@ impl Container {
             Self::Classic(file) => {
                 file.variable(name).map(|variable| Stored::Classic(file, variable))
             }
+            Self::Arrays(file) => file.get(name).map(Stored::Array),
         })
     }
 
@@ -102,7 +110,15 @@ impl Container {
     pub(super) fn unreadable(&self) -> Option<Error> {
         match self {
             Self::Hdf5(file) => file.unreadable(),
-            Self::Classic(_) => None,
+            Self::Classic(_) | Self::Arrays(_) => None,
+        }
+    }
+
+    /// What the format does not state, and is assumed.
+    pub(super) fn assumption(&self) -> Option<&'static str> {
+        match self {
+            Self::Arrays(file) => file.assumption,
+            Self::Hdf5(_) | Self::Classic(_) => None,
         }
     }
 
@@ -113,7 +129,8 @@ impl Container {
             (_, Stored::Classic(_, variable)) => {
                 variable.dimensions.iter().cloned().map(Some).collect()
             }
-            (Self::Classic(_), Stored::Hdf5(_)) => Vec::new(),
+            (_, Stored::Array(array)) => array.dimensions.clone(),
+            (_, Stored::Hdf5(_)) => Vec::new(),
         }
     }
 
@@ -122,6 +139,7 @@ impl Container {
         match self {
             Self::Hdf5(file) => file.attribute(group, name),
             Self::Classic(file) => file.attribute(name).cloned(),
+            Self::Arrays(_) => None,
         }
     }
 }
@@ -132,6 +150,7 @@ impl Stored<'_> {
         match self {
             Self::Hdf5(dataset) => dataset.shape(),
             Self::Classic(_, variable) => variable.shape.clone(),
+            Self::Array(array) => array.shape.clone(),
         }
     }
 
@@ -139,6 +158,12 @@ impl Stored<'_> {
         match self {
             Self::Hdf5(dataset) => hdf5_file::kind(dataset),
             Self::Classic(_, variable) => variable.kind.clone(),
+            Self::Array(array) => match &array.kind {
+                Number::Float(size) => Kind::Float(*size),
+                Number::Signed(size) => Kind::Signed(*size),
+                Number::Unsigned(size) => Kind::Unsigned(*size),
+                Number::Other(text) => Kind::Other(text.clone()),
+            },
         }
     }
 
@@ -146,6 +171,13 @@ impl Stored<'_> {
         match self {
             Self::Hdf5(dataset) => hdf5_file::attribute(dataset, name),
             Self::Classic(_, variable) => variable.attributes.get(name).cloned(),
+            Self::Array(array) => match name {
+                "units" => array.units.map(|units| Attribute::Text(units.to_owned())),
+                "bounds" => array.bounds().map(Attribute::Text),
+                "lower_edge" => array.cells.map(|[edge, _]| Attribute::Numbers(vec![edge], true)),
+                "spacing" => array.cells.map(|[_, step]| Attribute::Numbers(vec![step], true)),
+                _ => None,
+            },
         }
     }
 
@@ -154,6 +186,10 @@ impl Stored<'_> {
         match self {
             Self::Hdf5(dataset) => dataset.attr_names().unwrap_or_default(),
             Self::Classic(_, variable) => variable.attributes.keys().cloned().collect(),
+            Self::Array(_) => {
+                let known = ["units", "bounds", "lower_edge", "spacing"].into_iter();
+                known.filter(|name| self.attribute(name).is_some()).map(str::to_owned).collect()
+            }
         }
     }
 
@@ -168,6 +204,9 @@ impl Stored<'_> {
         match self {
             Self::Hdf5(dataset) => hdf5_file::read(dataset, ranges),
             Self::Classic(file, variable) => file.read(variable, ranges),
+            Self::Array(array) => array.read(ranges, T::from_f64).map_err(|problem| {
+                (format!("cannot be read: {problem}"), "copy the file again from its source".into())
+            }),
         }
     }
 
@@ -180,7 +219,9 @@ impl Stored<'_> {
             Self::Hdf5(dataset) => {
                 dataset.read_dyn().map_err(|error| hdf5_file::failure(dataset, &error))
             }
-            Self::Classic(..) => Err(("has no Boolean values".into(), "write 0 and 1".into())),
+            Self::Classic(..) | Self::Array(_) => {
+                Err(("has no Boolean values".into(), "write 0 and 1".into()))
+            }
         }
     }
 
@@ -192,6 +233,7 @@ impl Stored<'_> {
         let texts = match self {
             Self::Hdf5(dataset) => hdf5_file::texts(dataset),
             Self::Classic(file, variable) => file.characters(variable),
+            Self::Array(_) => None,
         };
         let texts = texts
             .ok_or_else(|| ("cannot be read as text".into(), "write numbers or text".into()))?;

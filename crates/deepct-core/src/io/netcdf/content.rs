@@ -31,6 +31,10 @@ pub enum Content {
 pub fn read_content(path: impl AsRef<Path>) -> Result<Option<Content>> {
     let path = path.as_ref();
     let Ok(input) = Input::open(path) else { return Ok(None) };
+    // An import has to say what is assumed of other arrays.
+    if input.is_exported() == Some(false) {
+        return Ok(None);
+    }
     let content = if input.has("radiance") {
         Content::Images(Box::new(read_observation(path)?))
     } else if input.has("mask") && !input.has("extinction") {

@@ -9,6 +9,7 @@ use crate::grid::{Grid, Mask, Volume};
 use crate::io::plausible::{Checks, LARGEST_EXTINCTION};
 use crate::math::DVec3;
 use crate::network::Estimate;
+use crate::optics::extinction;
 use crate::scene::Observation;
 use hdf5::Dataset;
 use ndarray::{Array2, Array3, ArrayD};
@@ -97,8 +98,8 @@ pub fn read_implausible_cloud(path: impl AsRef<Path>) -> Result<(Cloud, Vec<Stri
 fn checked_cloud(path: &Path, checks: &mut Checks) -> Result<Cloud> {
     let input = Input::open(path)?;
     let read = |name, unit| input.variable_on(name, &AXES)?.reals_3d_in::<f32>(unit);
-    let (water, extinction) = (input.has("lwc"), input.has("extinction"));
-    if !water && !extinction {
+    let (water, given) = (input.has("lwc"), input.has("extinction"));
+    if !water && !given {
         if let Some(unreadable) = input.unreadable() {
             return Err(unreadable);
         }
@@ -129,14 +130,25 @@ fn checked_cloud(path: &Path, checks: &mut Checks) -> Result<Cloud> {
         cloud = Cloud::from_microphysics(grid, droplets).map_err(Error::in_file(path))?;
         cloud.microphysics.as_ref().map_or(Ok(()), |droplets| checks.droplets(droplets))?;
     }
-    if extinction {
+    if given {
         let volume =
             Volume::new(grid, read("extinction", "km-1")?).map_err(Error::in_file(path))?;
         cloud.extinction = Cloud::from_extinction(volume).map_err(Error::in_file(path))?.extinction;
         let values = cloud.extinction.as_ref();
         values.map_or(Ok(()), |values| checks.extinction("extinction", values))?;
+        // Exported clouds always have an extinction.
+        if input.is_exported() == Some(true) && is_derived(&cloud)? {
+            cloud.extinction = None;
+        }
     }
     Ok(cloud)
+}
+
+/// Whether the extinction of a cloud is that of its droplets for an extinction efficiency of 2.
+fn is_derived(cloud: &Cloud) -> Result<bool> {
+    let droplets = Cloud { extinction: None, ..cloud.clone() };
+    Ok(cloud.microphysics.is_some()
+        && cloud.extinction.as_ref() == Some(&extinction(&droplets)?.values))
 }
 
 /// Write a volume as `extinction` (km-1) on `(z, y, x)`.

@@ -13,6 +13,7 @@ mod field;
 mod guard;
 mod hdf5_file;
 mod light;
+mod lineage;
 mod observation;
 mod read;
 mod reconstruction;
@@ -30,8 +31,9 @@ pub use field::{
     read_volume, write_cloud, write_estimate, write_mask, write_volume,
 };
 pub use guard::{allow_external_files, endless_reading};
-pub(crate) use hdf5_file::is_hdf5;
+use hdf5_file::is_hdf5;
 pub use light::read_light;
+pub use lineage::{Lineage, Time, read_lineage};
 pub use observation::{ImagesFile, read_derived_observation, read_observation, write_observation};
 pub(crate) use read::{Input, Variable};
 pub use reconstruction::write_reconstruction;
@@ -48,7 +50,7 @@ use std::path::Path;
 pub const MAX_VALUES: usize = 1 << 28;
 
 /// Provenance of a file, recorded as global attributes.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct Provenance {
     /// A short description of the file, or the command that created it.
     pub title: String,
@@ -56,6 +58,8 @@ pub struct Provenance {
     pub configuration: String,
     /// The seed of the run's random numbers.
     pub seed: u64,
+    /// The time of the field and the history of the file from which it was made.
+    pub lineage: Lineage,
 }
 
 /// The attribute of [`Provenance::configuration`].
@@ -64,6 +68,12 @@ const CONFIGURATION: &str = "configuration";
 const VERSION: &str = "deepct_version";
 /// The attribute of a file whose computation was interrupted.
 const INCOMPLETE: &str = "incomplete";
+
+/// Whether a file is netCDF of any format, or HDF5.
+pub(crate) fn is_netcdf(path: &Path) -> bool {
+    let start = hdf5_file::first_bytes(path, 0).unwrap_or_default();
+    matches!(start[..], [b'C', b'D', b'F', 1 | 2 | 5, ..]) || is_hdf5(path)
+}
 
 /// What a file of deepct lacks because its computation was interrupted; `None` for a complete file, and
 /// for one that is no HDF5 file.

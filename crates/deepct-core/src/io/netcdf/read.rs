@@ -161,6 +161,19 @@ impl Input {
         self.container.unreadable()
     }
 
+    /// Whether the file is a collection of arrays, and if so, whether deepct exported it.
+    pub(crate) fn is_exported(&self) -> Option<bool> {
+        match &self.container {
+            Container::Arrays(arrays) => Some(arrays.is_own),
+            Container::Hdf5(_) | Container::Classic(_) => None,
+        }
+    }
+
+    /// What the format of the file does not state, and is assumed.
+    pub(crate) fn assumption(&self) -> Option<&'static str> {
+        self.container.assumption()
+    }
+
     /// The text of an attribute of the file.
     pub(crate) fn text(&self, name: &str) -> Option<String> {
         match self.container.attribute("/", name)? {

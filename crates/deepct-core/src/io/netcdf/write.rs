@@ -1,6 +1,7 @@
 //! Writing of netCDF-4 files: variables on named dimensions. A file has a temporary name until it
 //! is complete.
 
+use super::lineage::put_lineage;
 use super::{CONFIGURATION, INCOMPLETE, Provenance, VERSION, creation, dimension, reason};
 use crate::error::{Error, Result};
 use hdf5::types::{FloatSize, OwnedDynValue, TypeDescriptor};
@@ -93,12 +94,18 @@ impl Output {
                 ("seed", seed),
             ],
         )?;
+        put_lineage(&output, &provenance.lineage)?;
         Ok(output)
+    }
+
+    /// Add attributes of the file.
+    pub(super) fn global(&self, attributes: &Attributes) -> Result<()> {
+        self.attributes(&self.file, "global attributes", attributes)
     }
 
     /// Mark the contents as those of a computation that was interrupted: `what` tells what they lack.
     pub(super) fn mark_incomplete(&self, what: &str) -> Result<()> {
-        self.attributes(&self.file, "global attributes", &[(INCOMPLETE, Attribute::Text(what))])
+        self.global(&[(INCOMPLETE, Attribute::Text(what))])
     }
 
     /// Add a dimension with its coordinate variable.
