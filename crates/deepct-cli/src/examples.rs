@@ -111,6 +111,26 @@ const EXAMPLES: &[(&str, &[(&str, &str)])] = &[
         )],
     ),
     (
+        "view",
+        &[
+            (
+                "an estimate in 3D, beside the truth",
+                "deepct view volume.nc --truth cloud.nc --open",
+            ),
+            ("images", "deepct view images.nc --out images.html"),
+        ],
+    ),
+    (
+        "report",
+        &[
+            ("the page of a folder", "deepct report demo"),
+            (
+                "of the files of a chain, with a truth elsewhere",
+                "deepct report results --truth clouds/cloud.nc --out results.html",
+            ),
+        ],
+    ),
+    (
         "convert",
         &[
             ("for ParaView", "deepct convert volume.nc volume.vti"),

@@ -38,6 +38,7 @@ mod score;
 mod sense;
 mod summary;
 mod validate;
+mod view;
 mod weights;
 
 use clap::{Command, CommandFactory, FromArgMatches, Parser, Subcommand};
@@ -72,6 +73,8 @@ enum Verb {
     Experiment(experiment::Args),
     Weights(weights::Args),
     Plot(plot::Args),
+    View(view::ViewArgs),
+    Report(view::ReportArgs),
     Convert(convert::Args),
     Regrid(regrid::Args),
     Images(images::Args),
@@ -100,6 +103,8 @@ fn run(cli: Cli) -> deepct_core::Result<Outcome> {
         Verb::Experiment(args) => experiment::run(&args, &cli.global),
         Verb::Weights(args) => weights::run(&args),
         Verb::Plot(args) => plot::run(&args),
+        Verb::View(args) => view::view(&args, &cli.global),
+        Verb::Report(args) => view::report(&args, &cli.global),
         Verb::Convert(args) => convert::run(&args, &cli.global),
         Verb::Regrid(args) => regrid::run(&args, &cli.global),
         Verb::Images(args) => images::run(&args),
