@@ -105,10 +105,16 @@ const EXAMPLES: &[(&str, &[(&str, &str)])] = &[
     ("weights inspect", &[("what the network is for", "deepct weights inspect general")]),
     (
         "plot",
-        &[(
-            "an estimate beside the truth",
-            "deepct plot volume.nc --truth cloud.nc --out figure.png",
-        )],
+        &[
+            (
+                "an estimate beside the truth",
+                "deepct plot volume.nc --truth cloud.nc --out figure.png",
+            ),
+            (
+                "as a camera would see them",
+                "deepct plot volume.nc --truth cloud.nc --photograph --out photograph.png",
+            ),
+        ],
     ),
     (
         "view",

@@ -30,6 +30,7 @@ mod man;
 mod network;
 mod outcome;
 mod output;
+mod photograph;
 mod plot;
 mod progress;
 mod regrid;
@@ -102,7 +103,7 @@ fn run(cli: Cli) -> deepct_core::Result<Outcome> {
         Verb::Dataset(args) => dataset::run(&args, &cli.global),
         Verb::Experiment(args) => experiment::run(&args, &cli.global),
         Verb::Weights(args) => weights::run(&args),
-        Verb::Plot(args) => plot::run(&args),
+        Verb::Plot(args) => plot::run(&args, &cli.global),
         Verb::View(args) => view::view(&args, &cli.global),
         Verb::Report(args) => view::report(&args, &cli.global),
         Verb::Convert(args) => convert::run(&args, &cli.global),

@@ -28,7 +28,7 @@ pub use self::checkpoint::{inversion_identity, read_checkpoint, write_checkpoint
 pub use self::exr::write_exr;
 #[cfg(feature = "files")]
 pub use netcdf::{
-    Content, Drawing, MAX_VALUES, Provenance, ReferenceDroplets, ReferenceView,
+    Content, Drawing, Field, MAX_VALUES, Provenance, ReferenceDroplets, ReferenceView,
     allow_external_files, endless_reading, incomplete, is_own_file, read_cloud, read_content,
     read_drawing, read_estimate, read_extinction, read_grid, read_implausible_cloud, read_light,
     read_mask, read_observation, read_reference_droplets, read_reference_extinction,

@@ -3,86 +3,30 @@
 use super::exhibit::Exhibit;
 use super::page::Report;
 use crate::error::{Error, Result};
-use crate::grid::{Mask, Volume};
-use crate::io::{Content, read_content, read_extinction, read_light, read_mask};
+use crate::grid::Volume;
+use crate::io::{Drawing, Field, read_drawing, read_extinction};
 use crate::metrics::{score, score_mask};
 use crate::network::Estimate;
-use crate::plot::{contact_sheet, view_labels};
+use crate::plot::contact_sheet;
 use crate::scene::{Light, Observation};
 use std::path::Path;
 
-/// What a file contains that can be shown.
-pub(super) enum Contents {
-    Images(Box<Observation>),
-    Field(Box<Field>),
-}
-
-/// Fields on one grid.
-pub(super) struct Field {
-    /// The extinction and its uncertainty.
-    pub(super) estimate: Option<Estimate>,
-    pub(super) mask: Option<Mask>,
-    /// Whether it is a cloud that is given by its droplets, as a truth is.
-    pub(super) has_droplets: bool,
-}
-
-impl Contents {
-    /// Read a file; `light` is used where a cloud is given by its droplets and the file states no
-    /// illumination.
-    ///
-    /// # Errors
-    /// A file that cannot be read or has no extinction, mask or images.
-    pub(super) fn read(path: &Path, light: &Light) -> Result<Self> {
-        let field = |estimate, mask, has_droplets| {
-            Self::Field(Box::new(Field { estimate, mask, has_droplets }))
-        };
-        Ok(match read_content(path)? {
-            Some(Content::Images(observation)) => Self::Images(observation),
-            Some(Content::Mask(mask)) => field(None, Some(mask), false),
-            Some(Content::Estimate(estimate)) => field(Some(estimate), read_mask(path).ok(), false),
-            Some(Content::Cloud(cloud)) => {
-                let stated = read_light(path)?.map(|(light, _)| light);
-                let extinction = stated.as_ref().unwrap_or(light).extinction(&cloud);
-                let extinction = extinction.map_err(Error::in_file(path))?;
-                let has_droplets = cloud.microphysics.is_some();
-                field(Some(extinction.into()), read_mask(path).ok(), has_droplets)
-            }
-            // The reader of the kind that it resembles most tells what is wrong.
-            None => field(Some(read_extinction(path, light)?.into()), None, false),
-        })
-    }
-}
-
-impl Field {
-    /// The field as the page contains it.
-    ///
-    /// # Errors
-    /// Values that are negative or not finite.
-    pub(super) fn exhibit(&self, name: &str) -> Result<Exhibit> {
-        let grid = match (&self.estimate, &self.mask) {
-            (Some(estimate), _) => &estimate.extinction.grid,
-            (None, Some(mask)) => &mask.grid,
-            (None, None) => unreachable!("a field has an extinction or a mask"),
-        };
-        let mut exhibit = Exhibit::new(name, grid);
-        if let Some(Estimate { extinction, uncertainty }) = &self.estimate {
-            exhibit = exhibit.with("extinction", extinction)?;
-            if let Some(uncertainty) = uncertainty {
-                exhibit = exhibit.with("uncertainty", uncertainty)?;
-            }
-        }
-        match &self.mask {
-            Some(mask) if mask.grid.matches(grid) => Ok(exhibit.with_mask(mask)),
-            _ => Ok(exhibit),
+/// A field as the page contains it.
+///
+/// # Errors
+/// Values that are negative or not finite.
+pub(super) fn exhibit(field: &Field, name: &str) -> Result<Exhibit> {
+    let mut exhibit = Exhibit::new(name, field.grid());
+    if let Some(Estimate { extinction, uncertainty }) = &field.estimate {
+        exhibit = exhibit.with("extinction", extinction)?;
+        if let Some(uncertainty) = uncertainty {
+            exhibit = exhibit.with("uncertainty", uncertainty)?;
         }
     }
-
-    /// Whether the field can be compared with the truth.
-    pub(super) fn is_on_grid_of(&self, truth: &Volume) -> bool {
-        let estimate = self.estimate.as_ref().map(|estimate| estimate.extinction.grid);
-        let grid = estimate.or(self.mask.as_ref().map(|mask| mask.grid));
-        grid.is_some_and(|grid| truth.grid.matches(&grid))
-    }
+    Ok(match &field.mask {
+        Some(mask) => exhibit.with_mask(mask),
+        None => exhibit,
+    })
 }
 
 /// The page of one file: of images a sheet, of other files the view in 3D, with the scores if the
@@ -93,38 +37,38 @@ impl Field {
 /// beside images.
 pub fn file_report(path: impl AsRef<Path>, truth: Option<&Path>) -> Result<Report> {
     let path = path.as_ref();
-    let stated = read_light(path).ok().flatten().map(|(light, _)| light);
-    let light = stated.clone().unwrap_or_default();
     let name = file_name(path);
     let mut report = Report::new(&name);
-    let field = match Contents::read(path, &light)? {
-        Contents::Images(_) if truth.is_some() => {
+    let (content, stated) = read_drawing(path, &Light::default())?;
+    let field = match content {
+        Drawing::Images(_) if truth.is_some() => {
             let problem = "are images, which cannot be compared with a truth";
             return Err(Error::file(path, "radiance", problem, "omit --truth, or give a volume"));
         }
-        Contents::Images(observation) => {
+        Drawing::Images(observation) => {
             add_sheet(&mut report, &observation, &name)?;
             return Ok(report);
         }
-        Contents::Field(field) => field,
+        Drawing::Field(field) => field,
     };
+    let source = if stated.is_some() { "as the file states" } else { "assumed" };
+    let light = stated.unwrap_or_default();
     let truth = truth.map(|truth| Ok((truth, read_extinction(truth, &light)?))).transpose()?;
     if let Some((of, truth)) = &truth {
-        if !field.is_on_grid_of(truth) {
+        if !truth.grid.matches(field.grid()) {
             let problem = format!("is on another grid than {}", of.display());
             let remedy = "resample it first: deepct regrid FILE --like TRUTH --out NEW";
             return Err(Error::file(path, "grid", problem, remedy));
         }
         add_scores(&mut report, truth, &[(name.as_str(), &field)]);
     }
-    let source = if stated.is_some() { "as the file states" } else { "assumed" };
     let exhibits = report.exhibits();
     let left = truth
         .as_ref()
         .map(|(_, truth)| Exhibit::new("truth", &truth.grid).with("extinction", truth))
         .transpose()?
         .map(|exhibit| exhibits.add(exhibit));
-    let right = exhibits.add(field.exhibit(&name).map_err(Error::in_file(path))?);
+    let right = exhibits.add(exhibit(&field, &name).map_err(Error::in_file(path))?);
     exhibits.show(left, right, &light.sun, source);
     report.viewer();
     Ok(report)
@@ -196,8 +140,8 @@ pub(super) fn add_sheet(report: &mut Report, observation: &Observation, name: &s
     let folder = std::env::temp_dir();
     let folder = tempfile::tempdir_in(&folder).map_err(Error::io(folder))?;
     let path = folder.path().join("sheet.png");
-    let labels = view_labels(&observation.geometry());
-    contact_sheet(&path, &observation.images, &labels, &[], name)?;
+    let wavelength = observation.light.wavelength;
+    contact_sheet(&path, &observation.images, &observation.geometry(), wavelength, &[], name)?;
     report.picture(&std::fs::read(&path).map_err(Error::io(&path))?, name);
     Ok(())
 }

@@ -1,13 +1,13 @@
 //! The page of a folder: of `deepct demo`, of files of the processing chain, or of an experiment.
 
-use super::contents::{Contents, Field, add_scores, add_sheet, file_name};
+use super::contents::{add_scores, add_sheet, exhibit, file_name};
 use super::exhibit::Exhibit;
 use super::markdown;
 use super::page::Report;
 use crate::error::{Error, Result};
 use crate::files;
 use crate::grid::Volume;
-use crate::io::{read_extinction, read_light};
+use crate::io::{Drawing, Field, read_drawing, read_extinction, read_light};
 use crate::scene::Light;
 use std::path::{Path, PathBuf};
 
@@ -73,18 +73,17 @@ fn add_chain(report: &mut Report, folder: &Path, truth: Option<&Path>) -> Result
         let remedy = "give a folder with files of deepct, such as that of `deepct demo`";
         return Err(Error::file(folder, "folder", problem, remedy));
     }
-    let stated = |path: &PathBuf| Some((path.clone(), read_light(path).ok()??.0));
-    let lights: Vec<_> = paths.iter().filter_map(stated).collect();
-    let light_of = |path: &Path| lights.iter().find(|(of, _)| of == path).map(|(_, light)| light);
-    let usual = lights.first().map_or_else(Light::default, |(_, light)| light.clone());
+    // The illumination of the first file that states one is used for files that state none.
+    let stated = |path: &PathBuf| Some((file_name(path), read_light(path).ok()??.0));
+    let usual = paths.iter().find_map(stated);
+    let otherwise = usual.as_ref().map_or_else(Light::default, |(_, light)| light.clone());
     let (mut found, mut images, mut rows) = (Vec::new(), Vec::new(), Vec::new());
     for path in paths {
         let name = file_name(&path);
-        let light = light_of(&path);
-        match Contents::read(&path, light.unwrap_or(&usual)) {
-            Ok(Contents::Images(observation)) => images.push((name, observation)),
-            Ok(Contents::Field(field)) => {
-                found.push(Found { path, name, field: *field, light: light.cloned() });
+        match read_drawing(&path, &otherwise) {
+            Ok((Drawing::Images(observation), _)) => images.push((name, observation)),
+            Ok((Drawing::Field(field), light)) => {
+                found.push(Found { path, name, field: *field, light });
             }
             Err(problem) => rows.push(vec![name, problem.to_string()]),
         }
@@ -93,20 +92,15 @@ fn add_chain(report: &mut Report, folder: &Path, truth: Option<&Path>) -> Result
         report.heading("Files that could not be read");
         report.table(&["file", "problem"], &rows);
     }
-    let truth = find_truth(&found, truth, &usual)?;
+    let truth = find_truth(&found, truth, &otherwise)?;
     if let Some(Truth { name, volume, .. }) = &truth {
         let fields =
-            found.iter().filter(|one| one.name != *name && one.field.is_on_grid_of(volume));
+            found.iter().filter(|one| one.name != *name && volume.grid.matches(one.field.grid()));
         let fields: Vec<_> = fields.map(|one| (one.name.as_str(), &one.field)).collect();
         add_scores(report, volume, &fields);
         report.note(&format!("The truth is {name}."));
     }
-    add_volumes(
-        report,
-        &found,
-        truth.as_ref(),
-        lights.first().map(|(path, light)| (path.as_path(), light)),
-    )?;
+    add_volumes(report, &found, truth.as_ref(), usual)?;
     report.viewer();
     if !images.is_empty() {
         report.heading("Images");
@@ -161,7 +155,7 @@ fn add_volumes(
     report: &mut Report,
     found: &[Found],
     truth: Option<&Truth>,
-    stated: Option<(&Path, &Light)>,
+    usual: Option<(String, Light)>,
 ) -> Result<()> {
     let mut others: Vec<_> =
         found.iter().filter(|one| truth.is_none_or(|truth| truth.name != one.name)).collect();
@@ -175,15 +169,15 @@ fn add_volumes(
         .transpose()?
         .map(|exhibit| exhibits.add(exhibit));
     let default = Light::default();
-    let sun_of = |one: Option<&Found>| match (one.and_then(|one| one.light.as_ref()), stated) {
+    let sun_of = |one: Option<&Found>| match (one.and_then(|one| one.light.as_ref()), &usual) {
         (Some(light), _) => (light.sun, "as its file states".to_owned()),
-        (None, Some((path, light))) => (light.sun, format!("as {} states", file_name(path))),
+        (None, Some((name, light))) => (light.sun, format!("as {name} states")),
         (None, None) => (default.sun, "assumed".to_owned()),
     };
     for one in others.iter().take(MAX_VOLUMES) {
         let (sun, source) = sun_of(Some(one));
-        let comparable = truth.is_some_and(|truth| one.field.is_on_grid_of(&truth.volume));
-        let right = one.field.exhibit(&one.name).map_err(Error::in_file(&one.path))?;
+        let comparable = truth.is_some_and(|truth| truth.volume.grid.matches(one.field.grid()));
+        let right = exhibit(&one.field, &one.name).map_err(Error::in_file(&one.path))?;
         let right = exhibits.add(right);
         exhibits.show(left.filter(|_| comparable), right, &sun, &source);
     }
@@ -205,8 +199,10 @@ fn add_experiment(report: &mut Report, folder: &Path) -> Result<()> {
     let volumes = files_in(&folder.join("volumes"), "nc")?;
     let mut shown: Vec<(usize, usize, Volume)> = Vec::new();
     for path in volumes.iter().take(MAX_VOLUMES) {
-        let light = read_light(path)?.map_or_else(Light::default, |(light, _)| light);
-        let Contents::Field(field) = Contents::read(path, &light)? else { continue };
+        let (Drawing::Field(field), light) = read_drawing(path, &Light::default())? else {
+            continue;
+        };
+        let light = light.unwrap_or_default();
         let stem = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         // The names are those of a cloud and of a method; the longest cloud that fits is meant.
         let cloud = clouds
@@ -230,10 +226,11 @@ fn add_experiment(report: &mut Report, folder: &Path) -> Result<()> {
                 shown.iter().find(|(of, ..)| *of == number)
             }
         };
-        let left =
-            truth.filter(|(_, _, volume)| field.is_on_grid_of(volume)).map(|(_, index, _)| *index);
+        let left = truth
+            .filter(|(_, _, volume)| volume.grid.matches(field.grid()))
+            .map(|(_, index, _)| *index);
         let exhibits = report.exhibits();
-        let right = exhibits.add(field.exhibit(&stem).map_err(Error::in_file(path))?);
+        let right = exhibits.add(exhibit(&field, &stem).map_err(Error::in_file(path))?);
         exhibits.show(left, right, &light.sun, "as the file states");
     }
     report.viewer();

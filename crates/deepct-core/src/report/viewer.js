@@ -225,8 +225,10 @@ void main() {
     if (plane > t && plane < end) {
       t = plane;
       vec4 here = at(eye + t * ray);
-      float opacity = here.r > 0.004 ? 1.0 : 0.3;
-      colour = vec4(opacity * palette_at(sunlit ? here.r * share : here.g), opacity);
+      bool filled = here.r > 0.004;
+      float opacity = filled ? 1.0 : 0.12;
+      vec3 shade = filled ? palette_at(sunlit ? here.r * share : here.g) : vec3(0.3);
+      colour = vec4(opacity * shade, opacity);
       clear -= opacity;
     } else if (side * (dot(cut.xyz, eye + 0.5 * (t + end) * ray) - cut.w) > 0.0) return;
   }
