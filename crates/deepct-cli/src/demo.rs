@@ -57,6 +57,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
     stages.time("draw", || results.write(args, global.seed))?;
     results.print_scores(&bare)?;
     say!("files and figures: {}", args.out.display());
+    say!("a page with a 3D view: deepct report {} --open", args.out.display());
     Ok(Outcome::Success)
 }
 

@@ -423,8 +423,8 @@ function drawBox(context, grid, camera, project) {
     }
     const at = project(add(ends[0], ends[1]).map(value => 0.5 * value)), out = outwards(at);
     if (axis !== 2) context.textAlign = out[0] < at[0] ? 'right' : 'left';
-    context.fillText(['x, east (km)', 'y, north (km)', 'z (km)'][axis],
-      at[0] + 2.6 * (out[0] - at[0]), at[1] + 3.2 * (out[1] - at[1]) + 4);
+    context.fillText(['x, east (km)', 'y, north (km)', 'altitude (km)'][axis],
+      at[0] + (axis === 2 ? 2.2 : 2.6) * (out[0] - at[0]), at[1] + 3.2 * (out[1] - at[1]) + 4);
   });
 }
 
@@ -435,6 +435,10 @@ function drawDirections(context, camera, sun) {
     const [x, y] = [dot(vector, camera.right), -dot(vector, camera.up)];
     return [from[0] + 38 * x, from[1] + 38 * y];
   };
+  context.fillStyle = 'rgba(255, 255, 255, 0.7)';
+  context.beginPath();
+  context.arc(...from, 56, 0, 2 * Math.PI);
+  context.fill();
   context.lineWidth = 2;
   context.textAlign = 'center';
   for (const [vector, name, colour] of [[[0, 1, 0], 'N', '#c0392b'], [[0, 0, 1], 'up', '#333'], [sun, 'Sun', '#d98200']]) {
@@ -488,7 +492,7 @@ function drawSlice(canvas, panel, axis, index) {
     line(context, [left - 5, y], [left, y]);
     context.fillText(text, left - 8, y + 4);
   }
-  upwards(context, AXES[up], 14, top + height / 2);
+  upwards(context, AXES[up], left - 42, top + height / 2);
   const x = left + width + 14;
   for (let y = 0; y < height; y++) {
     const place = panel.low + (1 - (y + 0.5) / height) * (panel.high - panel.low);
