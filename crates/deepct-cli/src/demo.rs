@@ -13,7 +13,7 @@ use deepct_core::grid::{Mask, Volume};
 use deepct_core::io::{self, Provenance};
 use deepct_core::metrics::{Scores, score};
 use deepct_core::network::Network;
-use deepct_core::plot::{contact_sheet, view_labels, volume_figure};
+use deepct_core::plot::{VolumeFields, contact_sheet, volume_figure};
 use deepct_core::scene::{Formation, Light, Observation, Scene};
 use deepct_core::sensor::{Scale, Sensor, expose};
 use deepct_core::transport::{OrdinatesSettings, Solver, render};
@@ -57,6 +57,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
     stages.time("draw", || results.write(args, global.seed))?;
     results.print_scores(&bare)?;
     say!("files and figures: {}", args.out.display());
+    say!("a page with a 3D view: deepct report {} --open", args.out.display());
     Ok(Outcome::Success)
 }
 
@@ -115,12 +116,19 @@ impl Results {
         contact_sheet(
             at("images.png"),
             &self.noisy.images,
-            &view_labels(&self.noisy.geometry()),
+            &self.noisy.geometry(),
+            self.noisy.light.wavelength,
             &[],
             title,
         )?;
         let title = "Cumulus reconstructed from ten noisy views";
-        volume_figure(at("cloud.png"), &self.estimate, Some(&self.truth), title)
+        let fields = VolumeFields {
+            extinction: Some(&self.estimate),
+            truth: Some(&self.truth),
+            mask: Some(&self.mask),
+            ..Default::default()
+        };
+        volume_figure(at("cloud.png"), &fields, title)
     }
 
     fn print_scores(&self, bare: &Volume) -> Result<()> {

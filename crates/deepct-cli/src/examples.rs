@@ -105,10 +105,36 @@ const EXAMPLES: &[(&str, &[(&str, &str)])] = &[
     ("weights inspect", &[("what the network is for", "deepct weights inspect general")]),
     (
         "plot",
-        &[(
-            "an estimate beside the truth",
-            "deepct plot volume.nc --truth cloud.nc --out figure.png",
-        )],
+        &[
+            (
+                "an estimate beside the truth",
+                "deepct plot volume.nc --truth cloud.nc --out figure.png",
+            ),
+            (
+                "as a camera would see them",
+                "deepct plot volume.nc --truth cloud.nc --photograph --out photograph.png",
+            ),
+        ],
+    ),
+    (
+        "view",
+        &[
+            (
+                "an estimate in 3D, beside the truth",
+                "deepct view volume.nc --truth cloud.nc --open",
+            ),
+            ("images", "deepct view images.nc --out images.html"),
+        ],
+    ),
+    (
+        "report",
+        &[
+            ("the page of a folder", "deepct report demo"),
+            (
+                "of the files of a chain, with a truth elsewhere",
+                "deepct report results --truth clouds/cloud.nc --out results.html",
+            ),
+        ],
     ),
     (
         "convert",

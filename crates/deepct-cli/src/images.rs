@@ -7,7 +7,7 @@ use deepct_core::files::check_output;
 use deepct_core::io::{GENERAL_WEIGHTS, load_trained_weights, read_derived_observation};
 use deepct_core::math::{DVec3, Ray};
 use deepct_core::network::Estimator;
-use deepct_core::plot::{contact_sheet, view_labels};
+use deepct_core::plot::contact_sheet;
 use deepct_core::scene::{Meeting, Observation, View};
 use deepct_core::{Error, Result};
 use serde::Serialize;
@@ -64,7 +64,8 @@ pub(crate) fn run(args: &Args) -> Result<Outcome> {
         contact_sheet(
             png,
             &observation.images,
-            &view_labels(&observation.geometry()),
+            &observation.geometry(),
+            observation.light.wavelength,
             &marks,
             &title,
         )?;

@@ -31,6 +31,7 @@ mod man;
 mod network;
 mod outcome;
 mod output;
+mod photograph;
 mod plot;
 mod progress;
 mod regrid;
@@ -39,6 +40,7 @@ mod score;
 mod sense;
 mod summary;
 mod validate;
+mod view;
 mod weights;
 
 use clap::{Command, CommandFactory, FromArgMatches, Parser, Subcommand};
@@ -73,6 +75,8 @@ enum Verb {
     Experiment(experiment::Args),
     Weights(weights::Args),
     Plot(plot::Args),
+    View(view::ViewArgs),
+    Report(view::ReportArgs),
     Convert(convert::Args),
     Regrid(regrid::Args),
     Images(images::Args),
@@ -100,7 +104,9 @@ fn run(cli: Cli) -> deepct_core::Result<Outcome> {
         Verb::Dataset(args) => dataset::run(&args, &cli.global),
         Verb::Experiment(args) => experiment::run(&args, &cli.global),
         Verb::Weights(args) => weights::run(&args),
-        Verb::Plot(args) => plot::run(&args),
+        Verb::Plot(args) => plot::run(&args, &cli.global),
+        Verb::View(args) => view::view(&args, &cli.global),
+        Verb::Report(args) => view::report(&args, &cli.global),
         Verb::Convert(args) => convert::run(&args, &cli.global),
         Verb::Regrid(args) => regrid::run(&args, &cli.global),
         Verb::Images(args) => images::run(&args),

@@ -75,7 +75,8 @@ pub(crate) fn check_origin(path: &Path, option: &str, force: bool) -> Result<()>
 }
 
 /// The first bytes of formats in which files do not state their origin.
-const SIGNATURES: [(&str, &[u8]); 7] = [
+const SIGNATURES: [(&str, &[u8]); 8] = [
+    ("html", b"<!DOCTYPE html>\n<!-- deepct -->"),
     ("png", b"\x89PNG"),
     ("exr", b"\x76\x2f\x31\x01"),
     ("tif", b"II"),

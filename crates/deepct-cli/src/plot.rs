@@ -1,19 +1,31 @@
 //! `deepct plot`: figures of volumes and of images.
 
+use crate::global::Global;
 use crate::outcome::Outcome;
-use deepct_core::io::{Drawing, read_drawing, read_extinction};
-use deepct_core::plot::{contact_sheet, view_labels, volume_figure};
+use crate::photograph::photograph;
+use deepct_core::grid::Volume;
+use deepct_core::io::{Drawing, Field, read_drawing, read_extinction};
+use deepct_core::plot::{VolumeFields, contact_sheet, photograph_figure, volume_figure};
+use deepct_core::scene::Light;
 use deepct_core::{Error, Result};
 use std::path::PathBuf;
 
-/// Draw a volume, alone or beside the truth, or a sheet of images, as a PNG file
+/// Draw a volume or a mask, alone or beside the truth, or a sheet of images, as a PNG file
+///
+/// A volume is drawn in slices through the centre of mass of its extinction and as optical depths,
+/// with its uncertainty and its mask if the file has them. Colour scales end at the 99.8th
+/// percentile of the values that are not zero.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
-    /// File of a volume, a cloud or images
+    /// File of a volume, a cloud, a mask or images
     file: PathBuf,
-    /// File of the true cloud, drawn beside the volume and in a scatter plot against it
+    /// File of the true cloud, drawn beside the volume, with the difference and a scatter plot
     #[arg(long, value_name = "C.nc")]
     truth: Option<PathBuf>,
+    /// Draw the volume as a camera would see it, in the sunlight that the file states: radiances by
+    /// the discrete-ordinates solver, with the shadow on the surface
+    #[arg(long)]
+    photograph: bool,
     /// Title of the figure; by default the name of the file
     #[arg(long, value_name = "TEXT")]
     title: Option<String>,
@@ -22,39 +34,82 @@ pub(crate) struct Args {
     out: PathBuf,
 }
 
-pub(crate) fn run(args: &Args) -> Result<Outcome> {
+pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
     deepct_core::files::check_output(&args.out)?;
     if args.out.extension().is_none_or(|extension| !extension.eq_ignore_ascii_case("png")) {
         let range = "the name of a PNG file, ending in .png";
         return Err(Error::out_of_range("--out", args.out.display(), range));
     }
-    let name = || args.file.file_name().unwrap_or_default().to_string_lossy().into_owned();
-    let title = args.title.clone().unwrap_or_else(name);
-    let (content, light) = read_drawing(&args.file)?;
+    let (content, light) = read_drawing(&args.file, &Light::default())?;
+    let light = light.unwrap_or_default();
     match content {
-        Drawing::Volume(estimate) => {
-            let truth = args.truth.as_deref().map(|path| read_extinction(path, &light));
-            let truth = truth.transpose()?;
-            volume_figure(&args.out, &estimate, truth.as_ref(), &title)
-                .map_err(Error::in_file(&args.file))?;
-        }
-        Drawing::Images(_) if args.truth.is_some() => {
-            return Err(Error::file(
-                &args.file,
-                "radiance",
-                "are images, which cannot be compared with a truth",
-                "omit --truth, or give a volume",
-            ));
+        Drawing::Field(field) => args.draw_field(&field, &light, global)?,
+        Drawing::Images(_) if args.truth.is_some() || args.photograph => {
+            let remedy = "omit --truth and --photograph, or give a volume";
+            let problem = "are images, which are drawn as they are";
+            return Err(Error::file(&args.file, "radiance", problem, remedy));
         }
         Drawing::Images(observation) => {
             contact_sheet(
                 &args.out,
                 &observation.images,
-                &view_labels(&observation.geometry()),
+                &observation.geometry(),
+                observation.light.wavelength,
                 &[],
-                &title,
+                &args.title(),
             )?;
         }
     }
     Ok(Outcome::Success)
+}
+
+impl Args {
+    fn title(&self) -> String {
+        let name = || self.file.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        self.title.clone().unwrap_or_else(name)
+    }
+
+    fn draw_field(&self, field: &Field, light: &Light, global: &Global) -> Result<()> {
+        let truth = self.truth.as_deref().map(|path| read_extinction(path, light)).transpose()?;
+        let extinction = field.estimate.as_ref().map(|estimate| &estimate.extinction);
+        if self.photograph {
+            let Some(extinction) = extinction else {
+                let (problem, remedy) = ("is missing", "give a volume or a cloud");
+                return Err(Error::file(&self.file, "extinction", problem, remedy));
+            };
+            return self.draw_photographs(extinction, truth.as_ref(), light, global);
+        }
+        let fields = VolumeFields {
+            extinction,
+            truth: truth.as_ref(),
+            uncertainty: field.estimate.as_ref().and_then(|one| one.uncertainty.as_ref()),
+            mask: field.mask.as_ref(),
+        };
+        volume_figure(&self.out, &fields, &self.title()).map_err(Error::in_file(&self.file))
+    }
+
+    fn draw_photographs(
+        &self,
+        extinction: &Volume,
+        truth: Option<&Volume>,
+        light: &Light,
+        global: &Global,
+    ) -> Result<()> {
+        let names = truth.map(|truth| ("truth", truth)).into_iter();
+        let named = names.chain([(if truth.is_some() { "estimate" } else { "" }, extinction)]);
+        let subject = truth.unwrap_or(extinction);
+        let mut pictures = Vec::new();
+        let mut from = "";
+        for (name, volume) in named {
+            let photograph = photograph(volume, subject, light, global)?;
+            from = photograph.from;
+            pictures.push((name, photograph.picture));
+        }
+        let (zenith, azimuth) = (light.sun.zenith.to_degrees(), light.sun.azimuth.to_degrees());
+        let caption = format!(
+            "from the {from}; {} \u{b5}m; Sun at zenith {zenith:.0}\u{b0}, azimuth {azimuth:.0}\u{b0}",
+            light.wavelength
+        );
+        photograph_figure(&self.out, &pictures, &self.title(), &caption)
+    }
 }

@@ -11,7 +11,7 @@ use deepct_core::io::{
     write_observation,
 };
 use deepct_core::network::{TrainedWeights, Weights};
-use deepct_core::plot::{contact_sheet, view_labels};
+use deepct_core::plot::contact_sheet;
 use deepct_core::scene::{Light, Observation, Scene, Sun, VIEW_FILE_HELP, View, ViewList};
 use deepct_core::transport::{
     FluxSettings, Fluxes, MonteCarloSettings, OrdinatesSettings, Rendering, Solver, fluxes, render,
@@ -284,8 +284,8 @@ impl Args {
         }
         if let Some(path) = &self.png {
             let title = out.file_stem().unwrap_or_default().to_string_lossy();
-            let labels = view_labels(&observation.geometry());
-            contact_sheet(name(path), &observation.images, &labels, &[], &title)?;
+            let (geometry, wavelength) = (observation.geometry(), light.wavelength);
+            contact_sheet(name(path), &observation.images, &geometry, wavelength, &[], &title)?;
         }
         for warning in &warnings {
             note!("deepct: warning: {warning}");

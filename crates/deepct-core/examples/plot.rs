@@ -4,9 +4,9 @@
 //! to the system's folder for temporary files.
 
 use deepct_core::grid::{Grid, Volume};
-use deepct_core::image::ViewStack;
+use deepct_core::image::{ViewGeometry, ViewStack};
 use deepct_core::math::DVec3;
-use deepct_core::plot::{contact_sheet, scatter_figure, volume_figure};
+use deepct_core::plot::{VolumeFields, contact_sheet, scatter_figure, volume_figure};
 use deepct_core::{Error, Result};
 use ndarray::Array3;
 
@@ -36,10 +36,20 @@ fn main() -> Result<()> {
     let images = ViewStack::new(images.expect("two images of one size"))?;
 
     let figure = |name: &str| folder.join(name);
-    volume_figure(figure("volume.png"), &estimate, Some(&truth), "Three puffs, smoothed")?;
+    let fields =
+        VolumeFields { extinction: Some(&estimate), truth: Some(&truth), ..Default::default() };
+    volume_figure(figure("volume.png"), &fields, "Three puffs, smoothed")?;
     scatter_figure(figure("scatter.png"), &truth, &estimate, "Three puffs, smoothed")?;
-    let labels = ["full irradiance".to_owned(), "half the irradiance".to_owned()];
-    contact_sheet(figure("images.png"), &images, &labels, &[], "Two images")?;
+    let nadir = ViewGeometry {
+        sun_zenith_deg: 30.0,
+        sun_azimuth_deg: 45.0,
+        view_zenith_deg: vec![0.0; 2],
+        view_azimuth_deg: vec![0.0; 2],
+        pixel_km: vec![grid.spacing.x; 2],
+        camera_distance_km: Vec::new(),
+    };
+    let title = "Full and half the irradiance";
+    contact_sheet(figure("images.png"), &images, &nadir, 0.672, &[], title)?;
     println!("volume.png, scatter.png and images.png are in {}", folder.display());
     Ok(())
 }

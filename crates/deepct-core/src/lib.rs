@@ -61,6 +61,8 @@ pub mod network;
 pub mod optics;
 #[cfg(feature = "plot")]
 pub mod plot;
+#[cfg(all(feature = "files", feature = "plot"))]
+pub mod report;
 pub mod rng;
 pub mod scene;
 pub mod sensor;

@@ -8,8 +8,9 @@ use crate::light::Light;
 use crate::observation::{Given, Observation, observation};
 use crate::record::{Record, record};
 use deepct_core::grid::Volume;
-use deepct_core::io::Drawing;
-use deepct_core::plot::{contact_sheet, view_labels, volume_figure};
+use deepct_core::io::{Drawing, Field};
+use deepct_core::network::Estimate;
+use deepct_core::plot::{VolumeFields, contact_sheet, volume_figure};
 use deepct_core::{Error, io, scene};
 use pyo3::exceptions::{PyOSError, PyTypeError};
 use pyo3::prelude::*;
@@ -59,7 +60,8 @@ impl Figure {
     }
 }
 
-/// Draw a volume, alone or with the truth, or a sheet of images: the figure of `deepct plot`.
+/// Draw a volume, alone or with the truth, or a sheet of images: the figure of `deepct plot`. The
+/// uncertainty of an estimate, and the mask in a file, are drawn too.
 ///
 /// Parameters
 /// ----------
@@ -100,7 +102,11 @@ pub(crate) fn plot(
     let name = file.as_deref().and_then(Path::file_name).unwrap_or_default().to_string_lossy();
     let title = title.unwrap_or_else(|| name.into_owned());
     let (content, light) = match &file {
-        Some(path) => py.detach(|| io::read_drawing(path)).map_err(raise)?,
+        Some(path) => {
+            let read = py.detach(|| io::read_drawing(path, &scene::Light::default()));
+            let (content, light) = read.map_err(raise)?;
+            (content, light.unwrap_or_default())
+        }
         None => content_of(what, grid)?,
     };
     let folder = tempfile::tempdir().map_err(|problem| PyOSError::new_err(problem.to_string()))?;
@@ -111,14 +117,22 @@ pub(crate) fn plot(
             return Err(PyTypeError::new_err(problem));
         }
         Drawing::Images(images) => {
-            let labels = view_labels(&images.geometry());
-            py.detach(|| contact_sheet(&path, &images.images, &labels, &[], &title))
+            let (geometry, wavelength) = (images.geometry(), images.light.wavelength);
+            py.detach(|| contact_sheet(&path, &images.images, &geometry, wavelength, &[], &title))
                 .map_err(raise)?;
         }
-        Drawing::Volume(estimate) => {
-            let truth = truth.map(|truth| extinction(truth, "truth", Some(estimate.grid), &light));
+        Drawing::Field(field) => {
+            let grid = Some(*field.grid());
+            let truth = truth.map(|truth| extinction(truth, "truth", grid, &light));
             let truth = truth.transpose()?;
-            py.detach(|| volume_figure(&path, &estimate, truth.as_ref(), &title)).map_err(raise)?;
+            let estimate = field.estimate.as_ref();
+            let fields = VolumeFields {
+                extinction: estimate.map(|estimate| &estimate.extinction),
+                truth: truth.as_ref(),
+                uncertainty: estimate.and_then(|estimate| estimate.uncertainty.as_ref()),
+                mask: field.mask.as_ref(),
+            };
+            py.detach(|| volume_figure(&path, &fields, &title)).map_err(raise)?;
         }
     }
     let figure = Figure(std::fs::read(&path).map_err(Error::io(&path)).map_err(raise)?);
@@ -138,7 +152,12 @@ fn content_of(what: &Bound<'_, PyAny>, grid: Option<Grid>) -> PyResult<(Drawing,
         return Ok((Drawing::Images(Box::new(images)), light));
     }
     let volume = extinction(what, "extinction", grid.map(|Grid(grid)| grid), &light)?;
-    Ok((Drawing::Volume(volume), light))
+    let uncertainty = what.getattr("uncertainty").ok().filter(|values| !values.is_none());
+    let uncertainty = uncertainty
+        .map(|values| extinction(&values, "uncertainty", Some(volume.grid), &light))
+        .transpose()?;
+    let field = Field::from(Estimate { extinction: volume, uncertainty });
+    Ok((Drawing::Field(Box::new(field)), light))
 }
 
 /// The extinction of a cloud, of a file or of an array on a grid.

@@ -238,10 +238,11 @@ def test_a_figure_is_that_of_the_command_line(results, tmp_path, command_line):
     for figure in (
         deepct_py.plot(results["estimate"], results["cloud"], title="estimate.nc"),
         deepct_py.plot(tmp_path / "estimate.nc", tmp_path / "cloud.nc"),
-        deepct_py.plot(results["estimate"].extinction, results["cloud"],
-                       grid=results["cloud"].grid, title="estimate.nc"),
     ):
         assert figure.png == figure._repr_png_() == expected
+    array = results["estimate"].extinction
+    assert deepct_py.plot(array, grid=results["cloud"].grid) == deepct_py.plot(
+        deepct_py.Estimate(results["cloud"].grid, array))
     command_line("plot", tmp_path / "images.nc", "--out", tmp_path / "images.png")
     figure = deepct_py.plot(results["images"], title="images.nc", out=tmp_path / "own.png")
     assert (tmp_path / "own.png").read_bytes() == (tmp_path / "images.png").read_bytes()

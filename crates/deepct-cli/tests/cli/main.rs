@@ -18,4 +18,5 @@ mod sense;
 #[cfg(unix)]
 mod stopped;
 mod validate;
+mod view;
 mod wrong;

@@ -1,18 +1,14 @@
 use crate::program::Program;
-use deepct_core::grid::{Grid, Volume};
+use deepct_core::grid::{Grid, Mask, Volume};
 use deepct_core::image::ViewStack;
-use deepct_core::io::{Provenance, write_observation, write_volume};
+use deepct_core::io::{Provenance, write_estimate, write_mask, write_observation, write_volume};
 use deepct_core::math::DVec3;
-use deepct_core::scene::{Formation, Observation, Sun};
+use deepct_core::network::Estimate;
+use deepct_core::scene::{Formation, Light, Observation, Sun};
 use ndarray::Array3;
 
-fn scene(program: &Program) {
-    let provenance = Provenance {
-        title: "A test".into(),
-        configuration: String::new(),
-        seed: 0,
-        ..Provenance::default()
-    };
+pub(crate) fn scene(program: &Program) {
+    let provenance = Provenance { title: "A test".into(), ..Provenance::default() };
     let volume = |shape: [usize; 3]| {
         let grid = Grid::new(DVec3::ZERO, DVec3::splat(0.05), shape).unwrap();
         let values = Array3::from_shape_fn(shape, |(k, j, i)| (k * j * i) as f32);
@@ -20,6 +16,9 @@ fn scene(program: &Program) {
     };
     write_volume(program.path("V.nc"), &volume([8, 9, 10]), &provenance).unwrap();
     write_volume(program.path("flat.nc"), &volume([2, 9, 10]), &provenance).unwrap();
+    let grid = Grid::new(DVec3::ZERO, DVec3::splat(0.05), [8, 9, 10]).unwrap();
+    let mask = Mask::new(grid, Array3::from_shape_fn(grid.shape, |(k, _, _)| k > 2)).unwrap();
+    write_mask(program.path("M.nc"), &mask, &provenance).unwrap();
     let views = Formation::cloudct_10().views(DVec3::ONE, [6, 7]).unwrap();
     let images = ViewStack::new(Array3::from_elem((10, 6, 7), 0.1)).unwrap();
     let observation = Observation::new(Sun::default(), views, images).unwrap();
@@ -40,9 +39,13 @@ fn volumes_and_images_become_pictures() {
     program.succeed("plot V.nc --out alone.png");
     program.succeed("plot V.nc --truth V.nc --title Twins --out pair.png");
     program.succeed("plot I.nc --out sheet.png");
-    let ([width, alone], [same_width, pair]) =
+    let ([alone, height], [pair, same_height]) =
         (size(&program, "alone.png"), size(&program, "pair.png"));
-    assert!(width == same_width && pair > alone + 400, "{alone} {pair}");
+    assert!(height == same_height && pair > alone + 600, "{alone} {pair}");
+    program.succeed("plot M.nc --out mask.png");
+    program.succeed("plot M.nc --truth V.nc --out carved.png");
+    let ([mask, _], [carved, _]) = (size(&program, "mask.png"), size(&program, "carved.png"));
+    assert!(carved > mask + 300, "{mask} {carved}");
     let [wide, high] = size(&program, "sheet.png");
     assert!(wide > 5 * 176 && high > 2 * 150 && wide > high);
 }
@@ -58,4 +61,46 @@ fn wrong_input_is_refused() {
     program.refuse("plot V.nc --truth flat.nc --out a.png", &["V.nc", "same grid"]);
     program.refuse("plot I.nc --truth V.nc --out a.png", &["I.nc", "--truth"]);
     program.refuse("plot V.nc --out nowhere/a.png", &["nowhere"]);
+    program.refuse("plot M.nc --photograph --out a.png", &["M.nc", "extinction"]);
+    program.refuse("plot I.nc --photograph --out a.png", &["I.nc", "--photograph"]);
+}
+
+/// In both pictures a cloud is brighter than the dark surface below, and on the half of the picture
+/// on which it is: in the east, which is on the right side from the south.
+#[test]
+fn a_photograph_shows_the_cloud_where_it_is() {
+    let program = Program::new();
+    let grid = Grid::new(DVec3::new(0.0, 0.0, 0.3), DVec3::splat(0.1), [4, 8, 8]).unwrap();
+    let values =
+        Array3::from_shape_fn(
+            grid.shape,
+            |(_, j, i)| {
+                if i > 4 && (2..6).contains(&j) { 20.0 } else { 0.0 }
+            },
+        );
+    let provenance = Provenance { title: "A test".into(), ..Provenance::default() };
+    let volume = Volume::new(grid, values).unwrap();
+    for (sun, name, is_right) in [(180.0, "south", true), (0.0, "north", false)] {
+        let light = Light::from(Sun::from_degrees(40.0, sun).unwrap());
+        let views = Formation::cloudct_10().views(DVec3::ONE, [4, 4]).unwrap();
+        let images = ViewStack::new(Array3::from_elem((10, 4, 4), 0.1)).unwrap();
+        let observation = Observation::new(light, views, images).unwrap();
+        let estimate = Estimate::from(volume.clone());
+        let path = program.path(&format!("{name}.nc"));
+        write_estimate(path, &estimate, Some(&observation), &provenance).unwrap();
+        program.succeed(&format!("plot {name}.nc --photograph --out {name}.png"));
+        let (width, pixels) = pixels(&program, &format!("{name}.png"));
+        let brightness = |from: usize, to: usize| -> u64 {
+            let rows = pixels.chunks(width).skip(110).take(460);
+            rows.flat_map(|row| &row[from..to]).map(|&value| u64::from(value)).sum()
+        };
+        let (left, right) = (brightness(30, width / 2), brightness(width / 2, width - 30));
+        assert_eq!(right > left, is_right, "{name}: {left} {right}");
+    }
+}
+
+/// The width of a picture and the red values of its pixels.
+fn pixels(program: &Program, name: &str) -> (usize, Vec<u8>) {
+    let picture = image::ImageReader::open(program.path(name)).unwrap().decode().unwrap().to_rgb8();
+    (picture.width() as usize, picture.pixels().map(|pixel| pixel.0[0]).collect())
 }

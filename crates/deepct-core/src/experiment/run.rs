@@ -12,7 +12,7 @@ use crate::inversion::{
 use crate::io::{self, Provenance};
 use crate::metrics;
 use crate::network::Estimator;
-use crate::plot::volume_figure;
+use crate::plot::{VolumeFields, volume_figure};
 use crate::scene::{Light, Observation};
 use crate::transport::OrdinatesSettings;
 use ndarray::Axis;
@@ -192,7 +192,13 @@ impl MethodRunner<'_> {
             &provenance,
         )?;
         let figure = self.file("figures", case, method, "png");
-        volume_figure(&figure, extinction, Some(&work.truth), &title)?;
+        let fields = VolumeFields {
+            extinction: Some(extinction),
+            truth: Some(&work.truth),
+            mask: Some(&work.mask),
+            ..Default::default()
+        };
+        volume_figure(&figure, &fields, &title)?;
         let text = serde_json::to_string_pretty(&outcome).expect("plain numbers and text");
         files::write(&self.file("results", case, method, "json"), &text)?;
         Ok(Some(outcome))

@@ -30,13 +30,13 @@ pub use self::checkpoint::{inversion_identity, read_checkpoint, write_checkpoint
 pub use self::exr::write_exr;
 #[cfg(feature = "files")]
 pub use netcdf::{
-    Content, Drawing, EstimateFile, ImagesFile, Lineage, MAX_VALUES, Provenance, ReferenceDroplets,
-    ReferenceView, Time, allow_external_files, configuration, endless_reading, incomplete,
-    is_own_file, read_cloud, read_content, read_derived_observation, read_drawing, read_estimate,
-    read_extinction, read_grid, read_implausible_cloud, read_light, read_lineage, read_mask,
-    read_observation, read_reference_droplets, read_reference_extinction, read_reference_view,
-    read_volume, write_cloud, write_estimate, write_mask, write_observation, write_reconstruction,
-    write_sample, write_volume,
+    Content, Drawing, EstimateFile, Field, ImagesFile, Lineage, MAX_VALUES, Provenance,
+    ReferenceDroplets, ReferenceView, Time, allow_external_files, configuration, endless_reading,
+    incomplete, is_own_file, read_cloud, read_content, read_derived_observation, read_drawing,
+    read_estimate, read_extinction, read_grid, read_implausible_cloud, read_light, read_lineage,
+    read_mask, read_observation, read_reference_droplets, read_reference_extinction,
+    read_reference_view, read_volume, write_cloud, write_estimate, write_mask, write_observation,
+    write_reconstruction, write_sample, write_volume,
 };
 #[cfg(feature = "files")]
 pub use units::unit_factor;

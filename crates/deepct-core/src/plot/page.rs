@@ -209,6 +209,21 @@ impl Page {
     }
 }
 
+/// Length of an arrow (pixels).
+const ARROW: f64 = 30.0;
+
+/// Draw an arrow from a point into a direction, with a name beyond its head.
+pub(super) fn draw_arrow(page: &mut Page, from: DVec2, direction: DVec2, name: &str) {
+    let along = direction.normalize_or(DVec2::NEG_Y);
+    let to = from + ARROW * along;
+    page.line(from, to, 2.0, BLACK);
+    for side in [along.perp(), -along.perp()] {
+        page.line(to, to - 9.0 * along + 5.0 * side, 2.0, BLACK);
+    }
+    let text = (to + 14.0 * along).as_ivec2();
+    page.text(name, TICK, Anchor::On, text.x, text.y);
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -6,10 +6,26 @@ use glam::DVec2;
 use ndarray::ArrayView2;
 use std::ops::Range;
 
-/// The colour scale of values from zero to `high`.
+/// Percentage of the values that are not zero up to which a scale extends, so that single bright
+/// ones do not darken all others.
+const ROBUST: f64 = 99.8;
+
+/// The end of a colour scale for values that are not negative: their percentile, without zeros.
+pub(super) fn robust_limit(values: impl Iterator<Item = f64>) -> f64 {
+    let mut values: Vec<f64> = values.filter(|value| *value > 0.0).collect();
+    if values.is_empty() {
+        return 0.0;
+    }
+    let place = (ROBUST / 100.0 * (values.len() - 1) as f64).ceil() as usize;
+    *values.select_nth_unstable_by(place, f64::total_cmp).1
+}
+
+/// The colour scale of values from `low` to `high`.
 #[derive(Clone, Copy)]
 pub(super) struct ColourScale {
     gradient: Gradient,
+    /// The value at the beginning of the scale.
+    low: f64,
     /// The value at the end of the scale.
     pub(super) high: f64,
     reversed: bool,
@@ -18,7 +34,13 @@ pub(super) struct ColourScale {
 impl ColourScale {
     /// A colour scale from zero to `high`, or to 1 if `high` is not positive.
     pub(super) fn new(gradient: Gradient, high: f64) -> Self {
-        Self { gradient, high: if high > 0.0 { high } else { 1.0 }, reversed: false }
+        Self { gradient, low: 0.0, high: if high > 0.0 { high } else { 1.0 }, reversed: false }
+    }
+
+    /// A colour scale from `-high` to `high`, or of 1 if `high` is not positive.
+    pub(super) fn diverging(gradient: Gradient, high: f64) -> Self {
+        let scale = Self::new(gradient, high);
+        Self { low: -scale.high, ..scale }
     }
 
     /// The same scale with the colours in reverse order.
@@ -26,8 +48,13 @@ impl ColourScale {
         Self { reversed: !self.reversed, ..self }
     }
 
+    /// The place of a value on the scale, from 0 to 1.
+    fn share(&self, value: f64) -> f64 {
+        (value - self.low) / (self.high - self.low)
+    }
+
     pub(super) fn colour(&self, value: f64) -> Colour {
-        let share = (value / self.high).clamp(0.0, 1.0);
+        let share = self.share(value).clamp(0.0, 1.0);
         let share = if self.reversed { 1.0 - share } else { share };
         let colour = self.gradient.eval_continuous(share);
         [colour.r, colour.g, colour.b]
@@ -111,18 +138,18 @@ pub(super) struct ColourBar<'a> {
 impl<'a> ColourBar<'a> {
     /// The colour bar of a linear scale, to be drawn with a height of `height` pixels.
     pub(super) fn linear(scale: ColourScale, label: &'a str, height: i32) -> Self {
-        Self { scale, label, numbers: ticks(&(0.0..scale.high), (height / 40).min(8)) }
+        Self { scale, label, numbers: ticks(&(scale.low..scale.high), (height / 40).min(8)) }
     }
 
     /// Draw the bar into `frame`, with tick labels and label to its right.
     pub(super) fn draw(&self, page: &mut Page, frame: Frame) {
         page.fill(frame, |_, y| {
             let share = (f64::from(frame.height - y) - 0.5) / f64::from(frame.height);
-            self.scale.colour(share * self.scale.high)
+            self.scale.colour(self.scale.low + share * (self.scale.high - self.scale.low))
         });
         page.border(frame);
         for (value, text) in &self.numbers {
-            let up = (value / self.scale.high * f64::from(frame.height - 1)).round() as i32;
+            let up = (self.scale.share(*value) * f64::from(frame.height - 1)).round() as i32;
             let y = frame.bottom() - 1 - up;
             tick(page, (frame.right(), y), (5, 0));
             page.text(text, TICK, Anchor::RightOf, frame.right() + 9, y);
@@ -139,17 +166,20 @@ fn tick(page: &mut Page, (x, y): (i32, i32), (dx, dy): (i32, i32)) {
 }
 
 /// Round numbers in a range for ticks, as values and as text with the required number of decimals.
-/// They divide the range into at most `max(most, 2)` intervals.
+/// They divide the range into at most `max(most, 2)` intervals, unless there would be less than two.
 pub(super) fn ticks(range: &Range<f64>, most: i32) -> Vec<(f64, String)> {
-    let length = range.end - range.start;
-    let rough = length / f64::from(most.max(2));
+    let rough = (range.end - range.start) / f64::from(most.max(2));
     let power = 10_f64.powf(rough.log10().floor());
-    let step = [1.0, 2.0, 5.0, 10.0].map(|factor| factor * power);
-    let step = step.into_iter().find(|step| *step >= rough * (1.0 - 1e-9)).unwrap_or(10.0 * power);
-    let decimals = (-step.log10().floor()).max(0.0) as usize;
-    let first = (range.start / step - 1e-6).ceil() as i64;
-    let last = (range.end / step + 1e-6).floor() as i64;
-    (first..=last)
+    let places = |step: f64| {
+        let first = (range.start / step - 1e-6).ceil() as i64;
+        first..=(range.end / step + 1e-6).floor() as i64
+    };
+    let steps = [0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0].map(|factor| factor * power);
+    let is_axis = |step: &f64| places(*step).count() > 1;
+    let step = steps.into_iter().find(|step| *step >= rough * (1.0 - 1e-9)).filter(is_axis);
+    let step = step.or_else(|| steps.into_iter().rev().find(is_axis)).unwrap_or(power);
+    let decimals = (-(step.log10() + 1e-9).floor()).max(0.0) as usize;
+    places(step)
         .map(|number| {
             let value = number as f64 * step;
             // No "-0.0".
@@ -175,5 +205,26 @@ mod tests {
         assert_eq!(text(-0.3..0.3, 3), ["-0.2", "0.0", "0.2"]);
         assert_eq!(text(0.0..137.0, 5), ["0", "50", "100"]);
         assert_eq!(text(0.0..0.034, 4), ["0.00", "0.01", "0.02", "0.03"]);
+        // One number alone does not make an axis.
+        assert_eq!(text(0.6..1.7, 2), ["1.0", "1.5"]);
+    }
+
+    /// numpy.percentile([1, ..., 1000], 99.8, method="higher").
+    #[test]
+    fn single_bright_values_do_not_stretch_a_scale() {
+        let values = || (1..=1000).map(f64::from);
+        assert_eq!(robust_limit(values()), 999.0);
+        assert_eq!(robust_limit(values().chain([1e9]).chain([0.0; 5000])), 999.0);
+        assert_eq!(robust_limit([0.0].into_iter()), 0.0);
+    }
+
+    #[test]
+    fn the_middle_of_a_diverging_scale_is_zero() {
+        let scale = ColourScale::diverging(colorous::RED_BLUE, 4.0);
+        let of = |share| {
+            let colour = colorous::RED_BLUE.eval_continuous(share);
+            [colour.r, colour.g, colour.b]
+        };
+        assert_eq!([-4.0, 0.0, 4.0].map(|value| scale.colour(value)), [0.0, 0.5, 1.0].map(of));
     }
 }

@@ -1,7 +1,7 @@
 //! Volume rendering: a view from the south-west and above along parallel rays through a coloured
 //! medium whose opacity is proportional to the extinction.
 
-use super::page::{Anchor, Colour, Frame, Page, TICK};
+use super::page::{Anchor, Colour, Frame, Page, TICK, draw_arrow};
 use super::panel::ColourScale;
 use crate::grid::{Grid, Volume};
 use crate::math::{DVec3, corner_weights, towards};
@@ -64,6 +64,9 @@ impl Viewpoint {
 pub(super) fn draw_solid(page: &mut Page, frame: Frame, volume: &Volume, scale: ColourScale) {
     let viewpoint = Viewpoint::new(&volume.grid, frame);
     draw_far_edges(page, &volume.grid, &viewpoint);
+    let north = viewpoint.pixel(volume.grid.center() + DVec3::Y) - viewpoint.middle;
+    let corner = DVec2::new(f64::from(frame.right()) - 20.0, f64::from(frame.bottom()) - 20.0);
+    draw_arrow(page, corner, north, "N");
     let lines: Vec<Vec<Seen>> = (frame.top..frame.bottom())
         .into_par_iter()
         .map(|y| {
@@ -149,7 +152,7 @@ fn trilinear(volume: &Volume, point: DVec3) -> f64 {
 }
 
 /// Draw the edges of the grid, except the three that meet at the corner nearest to the viewer, and
-/// label the axes with their lengths.
+/// label the axes with their ranges.
 fn draw_far_edges(page: &mut Page, grid: &Grid, viewpoint: &Viewpoint) {
     let corner = |bits: usize| {
         let side = DVec3::new((bits & 1) as f64, (bits >> 1 & 1) as f64, (bits >> 2) as f64);
@@ -169,12 +172,14 @@ fn draw_far_edges(page: &mut Page, grid: &Grid, viewpoint: &Viewpoint) {
             }
         }
     }
-    // Draw the lengths at the centres of unobstructed edges.
+    // Draw the ranges at the centres of unobstructed edges.
     let edge = |x: f64, y: f64, z: f64| grid.lower() + DVec3::new(x, y, z) * grid.extent();
+    let (lower, upper) = (grid.lower(), grid.upper());
+    let range = |axis: &str, from: f64, to: f64| format!("{axis} {from:.1}\u{2013}{to:.1} km");
     for (middle, text, anchor) in [
-        (edge(0.5, 0.0, 0.0), format!("x {:.1} km", grid.extent().x), Anchor::Below),
-        (edge(0.0, 0.5, 0.0), format!("y {:.1} km", grid.extent().y), Anchor::LeftOf),
-        (edge(0.0, 1.0, 0.5), format!("z {:.1} km", grid.extent().z), Anchor::LeftOf),
+        (edge(0.5, 0.0, 0.0), range("x", lower.x, upper.x), Anchor::Below),
+        (edge(0.0, 0.5, 0.0), range("y", lower.y, upper.y), Anchor::LeftOf),
+        (edge(0.0, 1.0, 0.5), range("z", lower.z, upper.z), Anchor::UpwardsLeftOf),
     ] {
         let at = viewpoint.pixel(middle).as_ivec2();
         let (dx, dy) = if anchor == Anchor::Below { (0, 8) } else { (-10, 8) };

@@ -1,7 +1,7 @@
 //! The contact sheet: all images of an observation on one page.
 
-use super::page::{Anchor, Colour, Frame, LABEL, Page, TICK, TITLE};
-use super::panel::{ColourBar, ColourScale, draw_map};
+use super::page::{Anchor, BLACK, Colour, Frame, Page, TICK, TITLE, draw_arrow};
+use super::panel::{ColourBar, ColourScale, draw_map, robust_limit};
 use crate::error::{Error, Result};
 use crate::image::{ViewGeometry, ViewStack};
 use glam::DVec2;
@@ -10,10 +10,16 @@ use std::path::Path;
 /// Minimum length of the longer side of an image on the page (pixels). Smaller images are enlarged
 /// by an integer factor.
 const LEAST_SIDE: usize = 176;
+/// The same for an image that is alone on the page.
+const LEAST_SIDE_ALONE: usize = 520;
+/// Minimum width of the page (pixels).
+const LEAST_WIDTH: i32 = 680;
 /// Distance between images (pixels).
 const GAP: i32 = 20;
 /// Height of a line of the label of an image (pixels).
 const LINE: i32 = 20;
+/// Height of the label of an image (pixels).
+const LABELS: i32 = 2 * LINE;
 /// Height of the title and the line below it (pixels).
 const HEAD: i32 = 96;
 /// Width of the colour bar with its numbers and label (pixels).
@@ -25,52 +31,66 @@ const CROSS_COLOUR: Colour = [220, 40, 40];
 const MISSING: Colour = [240, 190, 120];
 
 /// Draw all images in one PNG file, with north up and east to the right, on a common grey scale
-/// from zero to the brightest pixel; missing pixels are orange. The label of each image is drawn above it and may have
-/// several lines. `marks` are points `(row, col)` of the images that are marked by a cross, one for each
-/// image or none at all.
+/// from zero to the 99.8th percentile of the pixels; missing pixels are orange. The direction and the pixel size of each view
+/// are above its image, and a scale bar is below it; the wavelength (um) and the directions of north
+/// and of the Sun are at the top. `marks` are points `(row, col)` of the images that are marked by a
+/// cross, one for each image or none at all.
 ///
 /// # Errors
-/// Returns an error if there is not one label (and one mark, if there are any) per image, or if the file cannot be written.
+/// Returns an error if the geometry is not that of all images, if there is not one mark (if there
+/// are any) per image, or if the file cannot be written.
 pub fn contact_sheet(
     path: impl AsRef<Path>,
     images: &ViewStack,
-    labels: &[String],
+    geometry: &ViewGeometry,
+    wavelength: f64,
     marks: &[Option<(f64, f64)>],
     title: &str,
 ) -> Result<()> {
     let [views, rows, cols] = images.shape();
+    let labels = view_labels(geometry);
     if labels.len() != views {
-        return Err(Error::mismatch(
-            "number of labels",
-            views,
-            labels.len(),
-            "give one label per image",
-        ));
+        let remedy = "give the geometry of all images";
+        return Err(Error::mismatch("number of views", views, labels.len(), remedy));
     }
     if !marks.is_empty() && marks.len() != views {
         let remedy = "give one mark per image, or none";
         return Err(Error::mismatch("number of marks", views, marks.len(), remedy));
     }
-    let lines = labels.iter().map(|label| label.lines().count()).max().unwrap_or(0) as i32;
-    let zoom = LEAST_SIDE.div_ceil(rows.max(cols));
+    let least = if views == 1 { LEAST_SIDE_ALONE } else { LEAST_SIDE };
+    let zoom = least.div_ceil(rows.max(cols));
     let (width, height) = ((cols * zoom) as i32, (rows * zoom) as i32);
     // The page is about twice as wide as high.
     let across = (views as f64 * 2.0).sqrt().ceil().min(views as f64) as i32;
     let down = (views as i32 + across - 1) / across;
-    let cell = (width + GAP, height + GAP + lines * LINE);
-    let size = [(GAP + across * cell.0 + BAR).max(640), HEAD + down * cell.1];
-    let scale = ColourScale::new(colorous::GREYS, f64::from(images.brightest())).reversed();
+    let cell = (width + GAP, LABELS + height + LINE + GAP);
+    let content = GAP + across * cell.0 + BAR;
+    let size = [content.max(LEAST_WIDTH), HEAD + down * cell.1];
+    let start = (size[0] - content) / 2;
+    let known = images.values.iter().filter(|value| !value.is_nan());
+    let values = known.map(|&value| f64::from(value));
+    let scale = ColourScale::new(colorous::GREYS, robust_limit(values)).reversed();
+    let brightest = f64::from(images.brightest());
     let mut page = Page::new(size)?;
     page.text(title, TITLE, Anchor::On, size[0] / 2, 32);
-    let orientation = match images.values.iter().any(|value| value.is_nan()) {
-        true => "north up, east to the right; missing pixels are orange",
-        false => "north up, east to the right",
+    let (zenith, azimuth) = (geometry.sun_zenith_deg, geometry.sun_azimuth_deg);
+    let missing = match images.values.iter().any(|value| value.is_nan()) {
+        true => "; missing pixels are orange",
+        false => "",
     };
-    page.text(orientation, LABEL, Anchor::On, size[0] / 2, 66);
+    let conditions = format!(
+        "{wavelength} \u{b5}m; north up, east to the right; Sun at zenith {zenith:.0}\u{b0}, azimuth \
+         {azimuth:.0}\u{b0}{missing}"
+    );
+    page.text(&conditions, TICK, Anchor::On, size[0] / 2, 66);
+    let (sine, cosine) = azimuth.to_radians().sin_cos();
+    let corner = DVec2::new(f64::from(size[0] - 70), 62.0);
+    draw_arrow(&mut page, corner, DVec2::NEG_Y, "N");
+    draw_arrow(&mut page, corner, DVec2::new(sine, -cosine), "Sun");
     for (view, label) in labels.iter().enumerate() {
         let (column, line) = (view as i32 % across, view as i32 / across);
-        let left = GAP + column * cell.0;
-        let top = HEAD + line * cell.1 + lines * LINE;
+        let left = start + GAP + column * cell.0;
+        let top = HEAD + line * cell.1 + LABELS;
         draw_label(&mut page, label, left + width / 2, top);
         let image = images.image(view);
         let frame = Frame { left, top, width, height };
@@ -82,16 +102,35 @@ pub fn contact_sheet(
             let at = DVec2::new(col / cols as f64, 1.0 - row / rows as f64);
             draw_cross(&mut page, frame, at);
         }
+        draw_length(&mut page, frame, geometry.pixel_km[view] * cols as f64);
     }
-    let top = HEAD + lines * LINE;
+    let top = HEAD + LABELS;
     let bar = Frame {
-        left: GAP + across * cell.0 + 8,
+        left: start + GAP + across * cell.0 + 8,
         top,
         width: 18,
-        height: HEAD + down * cell.1 - GAP - top,
+        height: HEAD + down * cell.1 - GAP - LINE - top,
     };
-    ColourBar::linear(scale, "radiance (sr\u{207b}\u{b9})", bar.height).draw(&mut page, bar);
+    let mut label = String::from("radiance (sr\u{207b}\u{b9})");
+    if brightest > scale.high {
+        label += &format!(", largest {brightest:.3}");
+    }
+    ColourBar::linear(scale, &label, bar.height).draw(&mut page, bar);
     page.write(path.as_ref())
+}
+
+/// Draw a scale bar below a frame that is `width_km` wide: a round length, at most a third of it.
+fn draw_length(page: &mut Page, frame: Frame, width_km: f64) {
+    let most = width_km / 3.0;
+    let power = 10_f64.powf(most.log10().floor());
+    let factors = [5.0, 2.0, 1.0];
+    let length = factors.map(|factor| factor * power).into_iter().find(|length| *length <= most);
+    let length = length.unwrap_or(power);
+    let y = f64::from(frame.bottom()) + 12.0;
+    let (from, to) =
+        (f64::from(frame.left), f64::from(frame.left) + length / width_km * f64::from(frame.width));
+    page.line(DVec2::new(from, y), DVec2::new(to, y), 3.0, BLACK);
+    page.text(&format!("{length} km"), TICK, Anchor::RightOf, to as i32 + 6, y as i32);
 }
 
 /// Draw a cross at a point of a frame, given as the shares of its width and height; none outside.
@@ -106,13 +145,13 @@ fn draw_cross(page: &mut Page, frame: Frame, at: DVec2) {
     }
 }
 
-/// Labels for [`contact_sheet`] with the viewing direction and the pixel size of each image.
-pub fn view_labels(geometry: &ViewGeometry) -> Vec<String> {
+/// Labels with the viewing direction and the pixel size of each image.
+fn view_labels(geometry: &ViewGeometry) -> Vec<String> {
     let directions = geometry.view_zenith_deg.iter().zip(&geometry.view_azimuth_deg);
     directions
         .zip(&geometry.pixel_km)
         .map(|((zenith, azimuth), pixel)| {
-            format!("zenith {zenith:.1}°\nazimuth {azimuth:.0}°, {:.0} m", 1000.0 * pixel)
+            format!("zenith {zenith:.1}°\nazimuth {azimuth:.0}°, pixel {:.0} m", 1000.0 * pixel)
         })
         .collect()
 }

@@ -2,21 +2,21 @@
 //! scatter plot.
 
 use super::page::{Anchor, Frame, LABEL, Page, TITLE};
-use super::panel::{ColourBar, ColourScale, Panel, PanelAxis};
+use super::panel::{ColourBar, ColourScale, Panel, PanelAxis, robust_limit};
 use super::scatter::{check_pair, draw_scatter};
 use super::shade::draw_solid;
-use crate::error::Result;
-use crate::grid::{Grid, Volume};
-use ndarray::{Array2, Axis};
+use crate::error::{Error, Result};
+use crate::grid::{Grid, Mask, Volume};
+use ndarray::{Array2, Array3, Axis};
 use std::path::Path;
 
 /// Space to the left of a panel for its tick labels and axis label (pixels).
 const LEFT: i32 = 84;
 /// Space above a panel for its title (pixels).
-const ABOVE: i32 = 44;
+const ABOVE: i32 = 40;
 /// Space below a panel for its tick labels and axis label (pixels).
 const BELOW: i32 = 62;
-/// Space to the right of the last panel for the colour bar with its labels (pixels).
+/// Space to the right of a group of panels for its colour bar with its labels (pixels).
 const BAR: i32 = 130;
 /// Space for the title of the page (pixels).
 const HEAD: i32 = 70;
@@ -24,44 +24,38 @@ const HEAD: i32 = 70;
 const LONGEST: f64 = 300.0;
 /// Minimum side length of a panel (pixels). The vertical sections of a flat field are stretched.
 const LEAST_HEIGHT: i32 = 90;
+/// Side length of a volume rendering and of the scatter plot (pixels).
+const SOLID: i32 = 340;
 
-/// Draw a volume as a PNG file: three slices through its maximum, the optical depth along each
-/// axis and a volume rendering. If the truth is given, its panels are shown in addition with the
-/// same colour scales, together with a scatter plot.
+const EXTINCTION: &str = "extinction (km\u{207b}\u{b9})";
+const DIFFERENCE: &str = "estimate \u{2212} truth (km\u{207b}\u{b9})";
+const DEPTH: &str = "optical depth";
+
+/// What a figure shows. All fields are on one grid, and there is an extinction or a mask.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct VolumeFields<'a> {
+    /// The extinction of a cloud or an estimate (1/km).
+    pub extinction: Option<&'a Volume>,
+    /// The true extinction (1/km), with which the other is compared.
+    pub truth: Option<&'a Volume>,
+    /// The expected absolute error of the extinction (1/km).
+    pub uncertainty: Option<&'a Volume>,
+    /// The voxels that may contain cloud.
+    pub mask: Option<&'a Mask>,
+}
+
+/// Draw fields as a PNG file: slices through the centre of mass of the extinction and the optical
+/// depth along each axis. If the truth is given, it is beside the estimate with the same colour
+/// scale, followed by the difference; the last row then has volume renderings and a scatter plot.
 ///
 /// # Errors
-/// Returns an error if the volumes are on different grids, if values are negative or not finite,
-/// or if the file cannot be written.
-pub fn volume_figure(
-    path: impl AsRef<Path>,
-    estimate: &Volume,
-    truth: Option<&Volume>,
-    title: &str,
-) -> Result<()> {
-    let path = path.as_ref();
-    estimate.check_non_negative("extinction")?;
-    let mut rows = vec![Row { name: "", volume: estimate }];
-    if let Some(truth) = truth {
-        check_pair(truth, estimate)?;
-        let name = |name, volume| Row { name, volume };
-        rows = vec![name("truth", truth), name("estimate", estimate)];
-    }
-    let figure = Figure::new(&rows);
+/// Returns an error if the fields are on different grids, if there is neither an extinction nor a
+/// mask, if values are negative or not finite, or if the file cannot be written.
+pub fn volume_figure(path: impl AsRef<Path>, fields: &VolumeFields<'_>, title: &str) -> Result<()> {
+    let figure = Figure::new(*fields)?;
     let mut page = Page::new(figure.size())?;
     figure.draw(&mut page, title);
-    page.write(path)
-}
-
-/// A volume and its name, which is empty for a single volume.
-struct Row<'a> {
-    name: &'static str,
-    volume: &'a Volume,
-}
-
-impl Row<'_> {
-    fn title(&self, what: &str) -> String {
-        if self.name.is_empty() { what.to_owned() } else { format!("{}, {what}", self.name) }
-    }
+    page.write(path.as_ref())
 }
 
 /// The sections of a grid: horizontal, west-east and south-north.
@@ -75,6 +69,15 @@ enum Section {
 const SECTIONS: [Section; 3] = [Section::Map, Section::EastWest, Section::NorthSouth];
 
 impl Section {
+    /// The array axis as a letter.
+    fn letter(self) -> char {
+        match self {
+            Self::Map => 'z',
+            Self::EastWest => 'y',
+            Self::NorthSouth => 'x',
+        }
+    }
+
     /// The array axis normal to the section, along which optical depth is summed.
     fn axis(self) -> Axis {
         match self {
@@ -98,166 +101,287 @@ impl Section {
     }
 }
 
+/// Panels of one quantity side by side, with a common colour scale.
+struct Group {
+    /// The name of each column and its three sections.
+    columns: Vec<(&'static str, [Array2<f64>; 3])>,
+    /// What the panels of a section show, such as the position of the slice.
+    titles: [String; 3],
+    scale: ColourScale,
+    /// The label of the colour bar; none for a mask.
+    label: Option<String>,
+}
+
 /// The layout of the figure.
 struct Figure<'a> {
-    rows: &'a [Row<'a>],
+    fields: VolumeFields<'a>,
     grid: Grid,
-    /// The voxel `[k, j, i]` through which the slices are taken.
-    through: [usize; 3],
+    /// Groups side by side, in a row for each section; blocks are below each other.
+    blocks: Vec<Vec<Group>>,
     /// Size of the panel of each section on the page (pixels).
     sizes: [[i32; 2]; 3],
+    scale: ColourScale,
 }
 
 impl<'a> Figure<'a> {
-    fn new(rows: &'a [Row<'a>]) -> Self {
-        let grid = rows[0].volume.grid;
+    fn new(fields: VolumeFields<'a>) -> Result<Self> {
+        let VolumeFields { extinction, truth, uncertainty, mask } = fields;
+        let Some(grid) = extinction.map(|volume| volume.grid).or(mask.map(|mask| mask.grid)) else {
+            return Err(Error::out_of_range(
+                "fields of a figure",
+                "none",
+                "an extinction or a mask",
+            ));
+        };
+        for (volume, name) in [(extinction, "extinction"), (uncertainty, "uncertainty")] {
+            let Some(volume) = volume else { continue };
+            volume.check_non_negative(name)?;
+            grid.check_same(name, &volume.grid)?;
+        }
+        mask.map_or(Ok(()), |mask| grid.check_same("the mask", &mask.grid))?;
+        if let Some(truth) = truth {
+            check_pair(truth, extinction.unwrap_or(&Volume { grid, ..truth.clone() }))?;
+        }
         let extent = grid.extent();
         let scale = LONGEST / extent.x.max(extent.y);
         let pixels = |length: f64| ((length * scale).round() as i32).max(LEAST_HEIGHT);
         let [x, y, z] = [extent.x, extent.y, extent.z].map(pixels);
-        Self { rows, grid, through: greatest(rows[0].volume), sizes: [[x, y], [x, z], [y, z]] }
+        let volumes = [truth, extinction].into_iter().flatten();
+        let values = volumes.flat_map(|volume| &volume.values).map(|&value| f64::from(value));
+        let scale = ColourScale::new(colorous::VIRIDIS, robust_limit(values));
+        let mut figure =
+            Self { fields, grid, blocks: Vec::new(), sizes: [[x, y], [x, z], [y, z]], scale };
+        figure.blocks = figure.blocks();
+        Ok(figure)
     }
 
-    /// Height of a row of sections including titles and labels.
-    fn row_height(&self) -> i32 {
-        ABOVE + self.sizes.iter().map(|size| size[1]).max().unwrap_or(0) + BELOW
+    /// The volumes with their names: the truth and the estimate, or only one of them.
+    fn volumes(&self) -> Vec<(&'static str, &'a Volume)> {
+        let name = if self.fields.truth.is_some() { "estimate" } else { "" };
+        let truth = self.fields.truth.map(|truth| ("truth", truth));
+        truth.into_iter().chain(self.fields.extinction.map(|volume| (name, volume))).collect()
     }
 
-    /// Side length of a volume rendering and of the scatter plot, which share the page width.
-    fn solid_side(&self) -> i32 {
-        (self.width() - BAR - 3 * LEFT) / 3
+    fn blocks(&self) -> Vec<Vec<Group>> {
+        let center = self.grid.voxel_center(self.through());
+        let at = SECTIONS.map(|section| {
+            let place = match section {
+                Section::Map => center.z,
+                Section::EastWest => center.y,
+                Section::NorthSouth => center.x,
+            };
+            format!("{} = {place:.2} km", section.letter())
+        });
+        let along = SECTIONS.map(|section| format!("{DEPTH} along {}", section.letter()));
+        let volumes = self.volumes();
+        let mut slices =
+            self.groups(&volumes, EXTINCTION, self.scale, &at, &|values| self.slices(values));
+        if let Some(uncertainty) = self.fields.uncertainty {
+            let values = uncertainty.values.iter().map(|&value| f64::from(value));
+            slices.push(Group {
+                columns: vec![("expected error", self.slices(&uncertainty.values))],
+                titles: at.clone(),
+                scale: ColourScale::new(colorous::MAGMA, robust_limit(values)),
+                label: Some("expected absolute error (km\u{207b}\u{b9})".into()),
+            });
+        }
+        if let Some(mask) = self.fields.mask {
+            let inside = mask.values.mapv(|inside| if inside { 1.0 } else { 0.0 });
+            let scale = ColourScale::new(colorous::GREYS, 1.6);
+            let columns = vec![("mask", self.slices(&inside))];
+            slices.push(Group { columns, titles: at, scale, label: None });
+        }
+        let depth_scale = {
+            let depths = volumes.iter().flat_map(|(_, volume)| self.depths(&volume.values));
+            let most = depths.flat_map(|depths| depths.into_iter()).fold(0.0, f64::max);
+            ColourScale::new(colorous::INFERNO, most)
+        };
+        let depths =
+            self.groups(&volumes, DEPTH, depth_scale, &along, &|values| self.depths(values));
+        if volumes.len() == 2 {
+            return vec![slices, depths];
+        }
+        vec![slices.into_iter().chain(depths).collect()]
+    }
+
+    /// The group of the volumes and, if there are two, that of their difference.
+    fn groups(
+        &self,
+        volumes: &[(&'static str, &Volume)],
+        label: &str,
+        scale: ColourScale,
+        titles: &[String; 3],
+        sections: &dyn Fn(&Array3<f32>) -> [Array2<f64>; 3],
+    ) -> Vec<Group> {
+        let columns: Vec<_> =
+            volumes.iter().map(|(name, volume)| (*name, sections(&volume.values))).collect();
+        let most = volumes.iter().flat_map(|(_, volume)| &volume.values);
+        let most = f64::from(most.copied().fold(0.0, f32::max));
+        let label = match label {
+            EXTINCTION if most > scale.high => format!("{label}, largest {most:.0}"),
+            _ => label.to_owned(),
+        };
+        let difference = match &columns[..] {
+            [(_, truth), (_, estimate)] => {
+                let difference: [_; 3] =
+                    std::array::from_fn(|number| &estimate[number] - &truth[number]);
+                let values = difference.iter().flatten().map(|value| value.abs());
+                let scale = ColourScale::diverging(colorous::RED_BLUE, robust_limit(values));
+                let label = if label == DEPTH { "difference" } else { DIFFERENCE };
+                let columns = vec![("difference", difference)];
+                let titles = titles.clone();
+                Some(Group { columns, titles, scale: scale.reversed(), label: Some(label.into()) })
+            }
+            _ => None,
+        };
+        let titles = titles.clone();
+        let group = Group { columns, titles, scale, label: Some(label) };
+        let group = (!group.columns.is_empty()).then_some(group);
+        group.into_iter().chain(difference).collect()
+    }
+
+    /// The voxel `[k, j, i]` through which the slices are taken.
+    fn through(&self) -> [usize; 3] {
+        match (self.fields.truth.or(self.fields.extinction), self.fields.mask) {
+            (Some(volume), _) => centre_of_mass(&volume.values),
+            (None, Some(mask)) => {
+                centre_of_mass(&mask.values.mapv(|inside| f32::from(u8::from(inside))))
+            }
+            (None, None) => [0; 3],
+        }
+    }
+
+    fn slices(&self, values: &Array3<f32>) -> [Array2<f64>; 3] {
+        let through = self.through();
+        std::array::from_fn(|number| {
+            values.index_axis(SECTIONS[number].axis(), through[number]).mapv(f64::from)
+        })
+    }
+
+    fn depths(&self, values: &Array3<f32>) -> [Array2<f64>; 3] {
+        SECTIONS.map(|section| optical_depth(values, &self.grid, section))
+    }
+
+    /// Height of the rows of a block including titles and labels.
+    fn block_height(&self) -> i32 {
+        self.sizes.iter().map(|size| ABOVE + size[1] + BELOW).sum()
+    }
+
+    /// Width of a column: that of its widest section.
+    fn column_width(&self) -> i32 {
+        LEFT + self.sizes.iter().map(|size| size[0]).max().unwrap_or(0)
     }
 
     fn width(&self) -> i32 {
-        self.sizes.iter().map(|size| LEFT + size[0]).sum::<i32>() + BAR
+        let width = |groups: &Vec<Group>| -> i32 {
+            let widths = groups
+                .iter()
+                .map(|group| group.columns.len() as i32 * self.column_width() + bar(group));
+            widths.sum()
+        };
+        let solids = self.volumes().len() as i32 * (LEFT + SOLID);
+        let solids = solids + if self.fields.truth.is_some() { LEFT + SOLID + BAR } else { 0 };
+        self.blocks.iter().map(width).max().unwrap_or(0).max(solids) + 20
     }
 
     fn size(&self) -> [i32; 2] {
-        let sections = 2 * self.rows.len() as i32 * self.row_height();
-        [self.width(), HEAD + sections + ABOVE + self.solid_side() + BELOW]
+        let solids = if self.volumes().is_empty() { 0 } else { ABOVE + SOLID + BELOW };
+        [self.width(), HEAD + self.blocks.len() as i32 * self.block_height() + solids]
     }
 
     fn draw(&self, page: &mut Page, title: &str) {
         page.text(title, TITLE, Anchor::On, self.width() / 2, HEAD / 2);
-        let extinction = self.extinction_scale();
         let mut top = HEAD;
-        for row in self.rows {
-            self.draw_slices(page, top, row, extinction);
-            top += self.row_height();
+        for block in &self.blocks {
+            self.draw_block(page, top, block);
+            top += self.block_height();
         }
-        let depth = self.depth_scale();
-        for row in self.rows {
-            self.draw_depths(page, top, row, depth);
-            top += self.row_height();
-        }
-        self.draw_solids(page, top, extinction);
+        self.draw_solids(page, top);
     }
 
-    /// The colour scale of extinction, common to all volumes.
-    fn extinction_scale(&self) -> ColourScale {
-        let values = self.rows.iter().flat_map(|row| &row.volume.values);
-        ColourScale::new(colorous::VIRIDIS, f64::from(values.copied().fold(0.0, f32::max)))
-    }
-
-    fn draw_slices(&self, page: &mut Page, top: i32, row: &Row<'_>, scale: ColourScale) {
-        let [k, j, i] = self.through;
-        let center = self.grid.voxel_center(self.through);
-        let sections = [
-            (k, format!("z = {:.2} km", center.z)),
-            (j, format!("y = {:.2} km", center.y)),
-            (i, format!("x = {:.2} km", center.x)),
-        ];
-        let panels = std::array::from_fn(|number| {
-            let (index, at) = &sections[number];
-            let slice = row.volume.values.index_axis(SECTIONS[number].axis(), *index);
-            (slice.mapv(f64::from), row.title(at))
-        });
-        self.draw_sections(page, top, &panels, (scale, "extinction (km\u{207b}\u{b9})"));
-    }
-
-    fn draw_depths(&self, page: &mut Page, top: i32, row: &Row<'_>, scale: ColourScale) {
-        let along = ["along z", "along y", "along x"];
-        let panels = std::array::from_fn(|number| {
-            let depth = optical_depth(row.volume, SECTIONS[number]);
-            (depth, row.title(along[number]))
-        });
-        self.draw_sections(page, top, &panels, (scale, "optical depth"));
-    }
-
-    /// The colour scale of optical depth, common to all volumes and directions.
-    fn depth_scale(&self) -> ColourScale {
-        let depths = self.rows.iter().flat_map(|row| {
-            SECTIONS.map(|section| optical_depth(row.volume, section).fold(0.0, |a, &b| b.max(a)))
-        });
-        ColourScale::new(colorous::INFERNO, depths.fold(0.0, f64::max))
-    }
-
-    /// Draw the three sections side by side, aligned at the bottom, and a colour bar.
-    fn draw_sections(
-        &self,
-        page: &mut Page,
-        top: i32,
-        panels: &[(Array2<f64>, String); 3],
-        (scale, label): (ColourScale, &str),
-    ) {
-        let bottom = top + self.row_height() - BELOW;
-        let mut left = 0;
-        for (number, (values, title)) in panels.iter().enumerate() {
+    /// Draw the sections of a block below each other, and its groups side by side.
+    fn draw_block(&self, page: &mut Page, mut top: i32, groups: &[Group]) {
+        for (number, section) in SECTIONS.into_iter().enumerate() {
             let [width, height] = self.sizes[number];
-            left += LEFT;
-            let [right, up] = SECTIONS[number].panel_axes(&self.grid);
-            let panel = Panel { title: title.clone(), values: values.view(), right, up, scale };
-            panel.draw(page, Frame { left, top: bottom - height, width, height });
-            left += width;
+            let mut left = 0;
+            for group in groups {
+                let mut frame = Frame { left, top: top + ABOVE, width, height };
+                for (name, sections) in &group.columns {
+                    frame.left = left + LEFT;
+                    let [right, up] = section.panel_axes(&self.grid);
+                    let title = match *name {
+                        "" => group.titles[number].clone(),
+                        name => format!("{name}, {}", group.titles[number]),
+                    };
+                    let values = sections[number].view();
+                    Panel { title, values, right, up, scale: group.scale }.draw(page, frame);
+                    left += self.column_width();
+                }
+                if let Some(label) = &group.label {
+                    // The scale is that of the row above, and low panels have no space for its label.
+                    let label = if number == 0 { label } else { "" };
+                    let bar = Frame { left: frame.right() + 24, width: 18, ..frame };
+                    ColourBar::linear(group.scale, label, height).draw(page, bar);
+                }
+                left += bar(group);
+            }
+            top += ABOVE + height + BELOW;
         }
-        let height = self.row_height() - ABOVE - BELOW;
-        let frame = Frame { left: left + 24, top: bottom - height, width: 18, height };
-        ColourBar::linear(scale, label, height).draw(page, frame);
     }
 
     /// Draw the volume renderings and, if there are two volumes, the scatter plot.
-    fn draw_solids(&self, page: &mut Page, top: i32, scale: ColourScale) {
-        let side = self.solid_side();
+    fn draw_solids(&self, page: &mut Page, top: i32) {
         let slot = |number: i32| Frame {
-            left: LEFT + number * (side + LEFT),
+            left: LEFT + number * (SOLID + LEFT),
             top: top + ABOVE,
-            width: side,
-            height: side,
+            width: SOLID,
+            height: SOLID,
         };
-        // A single volume is drawn in the middle.
-        let slots = if self.rows.len() == 1 { [1, 1] } else { [0, 1] };
-        for (row, number) in self.rows.iter().zip(slots) {
+        let volumes = self.volumes();
+        for ((name, volume), number) in volumes.iter().zip(0..) {
             let frame = slot(number);
-            draw_solid(page, frame, row.volume, scale);
-            let title = row.title("from the south-west");
+            draw_solid(page, frame, volume, self.scale);
+            let separator = if name.is_empty() { "" } else { ", " };
+            let title = format!("{name}{separator}from the south-west");
             page.text(&title, LABEL, Anchor::Above, frame.middle(), frame.top - 6);
         }
-        if let [truth, estimate] = self.rows {
-            draw_scatter(page, slot(2), truth.volume, estimate.volume);
+        if let [(_, truth), (_, estimate)] = volumes[..] {
+            draw_scatter(page, slot(2), truth, estimate);
         }
     }
 }
 
-/// The voxel with the maximum value; the first if there are several.
-fn greatest(volume: &Volume) -> [usize; 3] {
-    let mut best = ([0; 3], f32::NEG_INFINITY);
-    for ((k, j, i), &value) in volume.values.indexed_iter() {
-        if value > best.1 {
-            best = ([k, j, i], value);
+/// Width of the colour bar of a group.
+fn bar(group: &Group) -> i32 {
+    if group.label.is_some() { BAR } else { 0 }
+}
+
+/// The voxel at the centre of mass; the central one if all values are zero.
+fn centre_of_mass(values: &Array3<f32>) -> [usize; 3] {
+    let mut sum = 0.0;
+    let mut moments = [0.0; 3];
+    for ((k, j, i), &value) in values.indexed_iter() {
+        sum += f64::from(value);
+        for (moment, index) in moments.iter_mut().zip([k, j, i]) {
+            *moment += f64::from(value) * index as f64;
         }
     }
-    best.0
+    let (nz, ny, nx) = values.dim();
+    if sum > 0.0 {
+        moments.map(|moment| (moment / sum).round() as usize)
+    } else {
+        [nz / 2, ny / 2, nx / 2]
+    }
 }
 
 /// The optical depth across the whole grid along the axis normal to the section.
-fn optical_depth(volume: &Volume, section: Section) -> Array2<f64> {
-    let spacing = volume.grid.spacing;
+fn optical_depth(extinction: &Array3<f32>, grid: &Grid, section: Section) -> Array2<f64> {
     let step = match section {
-        Section::Map => spacing.z,
-        Section::EastWest => spacing.y,
-        Section::NorthSouth => spacing.x,
+        Section::Map => grid.spacing.z,
+        Section::EastWest => grid.spacing.y,
+        Section::NorthSouth => grid.spacing.x,
     };
-    volume.values.map_axis(section.axis(), |line| {
+    extinction.map_axis(section.axis(), |line| {
         line.iter().map(|&extinction| f64::from(extinction)).sum::<f64>() * step
     })
 }
@@ -276,15 +400,48 @@ mod tests {
     }
 
     #[test]
-    fn slices_go_through_the_greatest_value() {
-        assert_eq!(greatest(&volume()), [1, 2, 0]);
+    fn slices_go_through_the_centre_of_mass() {
+        let mut volume = volume();
+        assert_eq!(centre_of_mass(&volume.values), [1, 2, 0]);
+        // x: (7 * 0 + 1 * 0 + 8 * 3) / 16 = 1.5, which is rounded to 2.
+        volume.values[[1, 2, 3]] = 8.0;
+        assert_eq!(centre_of_mass(&volume.values), [1, 2, 2]);
+        volume.values.fill(0.0);
+        assert_eq!(centre_of_mass(&volume.values), [1, 1, 2]);
     }
 
     #[test]
     fn optical_depth_is_extinction_times_length() {
+        let Volume { grid, values } = volume();
+        let depth = |section| optical_depth(&values, &grid, section);
+        assert!((depth(Section::Map)[[2, 0]] - 4.0).abs() < 1e-12);
+        assert!((depth(Section::EastWest)[[1, 0]] - 1.4).abs() < 1e-12);
+        assert!((depth(Section::NorthSouth)[[0, 2]] - 0.1).abs() < 1e-12);
+    }
+
+    #[test]
+    fn fields_are_beside_each_other() {
         let volume = volume();
-        assert!((optical_depth(&volume, Section::Map)[[2, 0]] - 4.0).abs() < 1e-12);
-        assert!((optical_depth(&volume, Section::EastWest)[[1, 0]] - 1.4).abs() < 1e-12);
-        assert!((optical_depth(&volume, Section::NorthSouth)[[0, 2]] - 0.1).abs() < 1e-12);
+        let mask = Mask::new(volume.grid, volume.values.mapv(|value| value > 0.0)).unwrap();
+        let columns = |fields| {
+            let figure = Figure::new(fields).unwrap();
+            let groups = |groups: &Vec<Group>| {
+                let columns = groups.iter().flat_map(|group| &group.columns);
+                columns.map(|(name, _)| *name).collect::<Vec<_>>().join(" ")
+            };
+            figure.blocks.iter().map(groups).collect::<Vec<_>>().join("; ")
+        };
+        let estimate = VolumeFields { extinction: Some(&volume), ..Default::default() };
+        assert_eq!(columns(estimate), " ");
+        let pair = VolumeFields { truth: Some(&volume), ..estimate };
+        assert_eq!(columns(pair), "truth estimate difference; truth estimate difference");
+        let all = VolumeFields { uncertainty: Some(&volume), mask: Some(&mask), ..pair };
+        let slices = "truth estimate difference expected error mask";
+        assert_eq!(columns(all), format!("{slices}; truth estimate difference"));
+        let carved = VolumeFields { mask: Some(&mask), ..Default::default() };
+        assert_eq!(columns(carved), "mask");
+        let compared = VolumeFields { truth: Some(&volume), ..carved };
+        assert_eq!(columns(compared), "truth mask truth");
+        assert!(Figure::new(VolumeFields::default()).is_err());
     }
 }

@@ -25,7 +25,7 @@ mod write;
 
 pub(crate) use axis::{bounds, coordinates, coordinates_at, edge_and_spacing, first_and_spacing};
 pub use content::{Content, read_content};
-pub use drawing::{Drawing, read_drawing, read_extinction};
+pub use drawing::{Drawing, Field, read_drawing, read_extinction};
 pub use field::{
     EstimateFile, read_cloud, read_estimate, read_grid, read_implausible_cloud, read_mask,
     read_volume, write_cloud, write_estimate, write_mask, write_volume,
