@@ -171,9 +171,16 @@ fn a_hybrid_of_a_field_is_computed_in_tiles() {
         relative_error(&part(&truth), &part(&read(name))).unwrap()
     };
     let [network, whole] = ["network.nc", "V.nc"].map(|name| error(name, 0..150));
-    assert!(whole < 0.75 * network, "{whole} {network}");
+    assert!(whole < 0.9 * network, "{whole} {network}");
     let seam = error("V.nc", 88..104);
-    assert!(seam < 1.25 * whole, "{seam} {whole}");
+    assert!(seam < 1.1 * whole, "{seam} {whole}");
+    // A field of fewer columns is computed as one. Far from its end, the result is the same.
+    program.succeed("cloud import C.nc --crop 0,0,140,16 --spacing file --out cut.nc");
+    program.succeed(&hybrid.replace("--grid C.nc", "--grid cut.nc").replace("V.nc", "one.nc"));
+    let one = read("one.nc").part(0..16, 0..112).unwrap();
+    let tiled = read("V.nc").part(0..16, 0..112).unwrap();
+    let difference = relative_error(&one, &tiled).unwrap();
+    assert!(difference < 0.05, "{difference}");
 
     let bytes = std::fs::read(program.path("V.nc")).unwrap();
     std::fs::create_dir(program.path("V.nc.tiles")).unwrap();
