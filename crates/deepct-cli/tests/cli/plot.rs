@@ -39,9 +39,8 @@ fn volumes_and_images_become_pictures() {
     program.succeed("plot V.nc --out alone.png");
     program.succeed("plot V.nc --truth V.nc --title Twins --out pair.png");
     program.succeed("plot I.nc --out sheet.png");
-    let ([alone, height], [pair, same_height]) =
-        (size(&program, "alone.png"), size(&program, "pair.png"));
-    assert!(height == same_height && pair > alone + 600, "{alone} {pair}");
+    let (alone, pair) = (size(&program, "alone.png"), size(&program, "pair.png"));
+    assert!(pair[0] > alone[0] + 300 && pair[1] > alone[1] + 300, "{alone:?} {pair:?}");
     program.succeed("plot M.nc --out mask.png");
     program.succeed("plot M.nc --truth V.nc --out carved.png");
     let ([mask, _], [carved, _]) = (size(&program, "mask.png"), size(&program, "carved.png"));

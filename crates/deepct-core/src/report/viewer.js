@@ -529,9 +529,10 @@ function upwards(context, text, x, y) {
   context.restore();
 }
 
-/** A canvas of a size in CSS pixels, cleared; returns its context, which draws in these. */
-function fit(canvas, width, height) {
-  const ratio = window.devicePixelRatio || 1;
+/** A canvas of a size in CSS pixels, cleared, with a share of the pixels of the screen along each side;
+    returns its context, which draws in CSS pixels. */
+function fit(canvas, width, height, share = 1) {
+  const ratio = share * (window.devicePixelRatio || 1);
   canvas.style.height = `${height}px`;
   const size = [Math.round(width * ratio), Math.round(height * ratio)];
   if (canvas.width !== size[0] || canvas.height !== size[1]) [canvas.width, canvas.height] = size;
@@ -666,7 +667,8 @@ function draw(now) {
 
 function drawView({ panel, view, loaded }, quality, pace) {
   const width = view.clientWidth, height = Math.round(0.8 * width);
-  const context = fit(view, width, height);
+  // Where rays are slow, so are pixels: there is no graphics processor.
+  const context = fit(view, width, height, quality < 0.6 ? 0.5 : 1);
   const { grid } = loaded;
   const camera = cameraOf(state, add(grid.low, grid.size, 0.5));
   const background = context.createLinearGradient(0, 0, 0, height);
