@@ -92,8 +92,8 @@ pub(super) fn share_in_gaps(image: ArrayView2<'_, f32>) -> f64 {
 mod tests {
     use super::*;
 
-    /// A linear function is harmonic, and a hole in it is filled exactly; beyond the edge of what is known,
-    /// the values continue.
+    /// A linear function is harmonic, and a small hole in it is filled exactly; beyond the edge of what is
+    /// known, the values continue.
     #[test]
     fn holes_are_filled_by_a_harmonic_function() {
         let plane = |row: usize, col: usize| 1.0 + 0.3 * row as f32 - 0.2 * col as f32;
@@ -110,8 +110,11 @@ mod tests {
         let mut image = whole.clone();
         image.slice_mut(s![.., 20..]).fill(f32::NAN);
         fill(image.view_mut());
-        for row in 4..36 {
-            assert!((image[[row, 36]] - plane(row, 19)).abs() < 0.4, "{}", image[[row, 36]]);
+        // Nothing flows through the edges of the image, so that all of its columns have the same mean.
+        let mean = |image: &Array2<f32>, col: usize| image.column(col).mean().unwrap();
+        for col in [20, 28, 36] {
+            let (found, expected) = (mean(&image, col), mean(&whole, 19));
+            assert!((found - expected).abs() < 0.3, "{col} {found} {expected}");
         }
         let mut none = Array2::from_elem((3, 4), f32::NAN);
         fill(none.view_mut());

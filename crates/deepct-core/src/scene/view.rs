@@ -167,6 +167,9 @@ impl View {
             let range = format!("at least [{}, {}], that of the view", self.rows, self.cols);
             return Err(Error::out_of_range("image size [row, col]", format!("{size:?}"), range));
         }
+        if size == [self.rows, self.cols] {
+            return Ok(self);
+        }
         let before = first_of_padded([self.rows, self.cols], size);
         self.framed(before.map(|before| -(before as f64)), size)
     }
