@@ -113,12 +113,14 @@ impl Exhibits {
     /// How the values are stored, as a sentence for the reader.
     pub(super) fn storage(&self) -> String {
         let fields = self.volumes.iter().flat_map(|volume| volume.fields.values());
-        let coarsest = fields.filter(|field| field.bits == 16).map(|field| field.step);
-        let mut text = format!(
-            "Values are stored as multiples of 1/65535 of the largest value of each field, at most \
-             {:.2e} km\u{207b}\u{b9}.",
-            coarsest.fold(0.0, f64::max)
-        );
+        let steps = fields.filter(|field| field.bits == 16).map(|field| field.step);
+        let mut text = match steps.reduce(f64::max) {
+            None => String::new(),
+            Some(step) => format!(
+                "Values are stored as multiples of 1/65535 of the largest value of each field, at \
+                 most {step:.2e} km\u{207b}\u{b9}."
+            ),
+        };
         if let Some(block) = self.volumes.iter().map(|one| one.block).find(|block| *block > 1) {
             text += &format!(
                 " Large volumes are shown as means over blocks of {block} x {block} x {block} \
