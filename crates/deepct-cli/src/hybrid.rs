@@ -41,8 +41,10 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let mut observation = read_observation(&args.images)?;
     resolve_light(&mut observation, &args.images, &given, global.quiet)?;
     let start = observation
-        .imaging_geometry()
-        .and_then(|geometry| network.estimate(&observation.images, &geometry, grid.as_ref()))
+        .on_ideal_cameras()
+        .and_then(|ideal| {
+            network.estimate(&ideal.images, &ideal.imaging_geometry()?, grid.as_ref())
+        })
         .map_err(Error::in_file(&args.images))?;
     args.network.warn_of_unusual_images(&network, &observation, &start)?;
     args.network.warn_of_ends(&start);

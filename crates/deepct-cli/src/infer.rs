@@ -206,6 +206,7 @@ impl Rounding {
 }
 
 fn infer(network: &Estimator, observation: &Observation, grid: Option<&Grid>) -> Result<Estimate> {
+    let observation = observation.on_ideal_cameras()?;
     network.estimate(&observation.images, &observation.imaging_geometry()?, grid)
 }
 

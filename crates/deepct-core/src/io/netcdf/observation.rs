@@ -106,7 +106,7 @@ pub fn read_derived_observation(path: impl AsRef<Path>) -> Result<(Observation, 
     let images = ViewStack { values: window.oriented(images.values) };
     let has_units = input.variable("radiance")?.unit_text().is_some();
     let mut derived = window.notes(axes);
-    let views = read_views(&input, &window, images.shape(), &mut derived)?;
+    let views = read_views(&input, &window, axes, images.shape(), &mut derived)?;
     let (light, assumed) = get_light(&input)?;
     let mut observation = Observation::new(light, views, images)
         .map_err(|problem| input.error("radiance", problem.to_string(), "write it again"))?;
