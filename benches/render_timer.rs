@@ -32,7 +32,7 @@ fn main() -> Result<(), AnyError> {
         ..Default::default()
     });
     let start = Instant::now();
-    let rendering = render(&scene, &[view], &solver, &())?;
+    let rendering = render(&scene, std::slice::from_ref(&view), &solver, &())?;
     let seconds = start.elapsed().as_secs_f64();
     let values = rendering
         .images

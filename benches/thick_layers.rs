@@ -42,7 +42,12 @@ fn main() -> Result<(), AnyError> {
         let view = View::orthographic(DVec3::Z, grid.center(), VOXEL_KM, [1, 1])?;
         let flux = SUN_ZENITH_DEG.to_radians().cos();
         let error = |radiance: f32| 100.0 * (PI * f64::from(radiance) / flux / expected - 1.0);
-        let mut model = OrdinatesModel::new(&scene, &[view], None, &OrdinatesSettings::default())?;
+        let mut model = OrdinatesModel::new(
+            &scene,
+            std::slice::from_ref(&view),
+            None,
+            &OrdinatesSettings::default(),
+        )?;
         let found = error(model.images(&extinction)?.values[[0, 0, 0]]);
         let (sweeps, cell) = (model.sweeps(), model.thickest_cell());
         print!(

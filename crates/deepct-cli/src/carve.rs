@@ -1,6 +1,6 @@
 //! `deepct carve`: the voxels that may contain cloud according to the images.
 
-use crate::files::Files;
+use crate::files::{Files, lineage};
 use crate::global::Global;
 use crate::outcome::Outcome;
 use crate::summary;
@@ -60,7 +60,7 @@ fn carve_file(
         title: "Voxels that may contain cloud".into(),
         configuration: toml::to_string(&resolved).expect("plain numbers and text"),
         seed: global.seed,
-        ..Provenance::default()
+        lineage: lineage("carve", images),
     };
     write_mask(out, &carved.mask, &provenance)?;
     Ok(Summary {

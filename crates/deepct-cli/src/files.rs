@@ -4,6 +4,7 @@ use crate::global::Global;
 use crate::output::{check_origin, is_same_file};
 use crate::summary::{Form, Summary, print_json};
 use deepct_core::files::check_output;
+use deepct_core::io::{Lineage, read_lineage};
 use deepct_core::{Error, Result};
 use std::path::{Path, PathBuf};
 
@@ -22,6 +23,12 @@ pub(crate) struct Files {
     out_dir: Option<PathBuf>,
     #[command(flatten)]
     form: Form,
+}
+
+/// The lineage of an output of a verb: that of its input, and the verb.
+pub(crate) fn lineage(verb: &str, input: &Path) -> Lineage {
+    let name = input.file_name().unwrap_or_default().to_string_lossy();
+    read_lineage(input).then(&format!("{verb} {name}"))
 }
 
 impl Files {

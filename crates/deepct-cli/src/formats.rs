@@ -14,8 +14,9 @@ Read and written (HDF5 files that are valid netCDF-4, with CF attributes)
   images   radiance (sr-1) on (view, row, col) in any order, NaN where missing; sun_zenith_deg,
            sun_azimuth_deg (degree), wavelength (um); for each view target (km) and either
            camera_position (km) and pixel_tangent (perspective cameras), or view_zenith_deg,
-           view_azimuth_deg (degree) and pixel_km (orthographic ones); the rest is derived,
-           see `images check`
+           view_azimuth_deg (degree) and pixel_km (orthographic ones), or, on (view, row, col,
+           component), pixel_position (km) and pixel_direction; the rest is derived, see
+           `images check`
 
 Read by `cloud import`
   simulation   netCDF (classic or netCDF-4) or HDF5: liquid water on (time, z, y, x) in any

@@ -2,6 +2,7 @@
 
 use crate::config::Values;
 use crate::field::{Field, given_mask, part_of};
+use crate::files::lineage;
 use crate::global::Global;
 use crate::inversion::{Flags, InvertSettings, Job};
 use crate::light::resolve_light;
@@ -64,7 +65,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
     }
 }
 
-/// What both ways have in common.
+/// What a field and its tiles have in common.
 struct Run<'a> {
     args: &'a Args,
     global: &'a Global,
@@ -99,7 +100,7 @@ impl<'a> Run<'a> {
             title: "Extinction by inversion".into(),
             configuration,
             seed: global.seed,
-            ..Provenance::default()
+            lineage: lineage("hybrid", images),
         };
         let out = args.flags.out();
         let mut field = Field { file, images, grid, tiles, out, provenance };
@@ -135,8 +136,8 @@ impl<'a> Run<'a> {
 
     /// The estimate of the network, from which the inversion starts.
     fn start(&self, observation: &Observation, grid: &Grid) -> Result<Estimate> {
-        let geometry = observation.imaging_geometry()?;
-        self.network.estimate(&observation.images, &geometry, Some(grid))
+        let ideal = observation.on_ideal_cameras()?;
+        self.network.estimate(&ideal.images, &ideal.imaging_geometry()?, Some(grid))
     }
 
     fn job(&self, observation: Observation, start: Estimate) -> Job<'a> {

@@ -295,8 +295,12 @@ fn bright_parts(observation: &Observation) -> Vec<BrightPart> {
 /// Whether the general network is for such images.
 fn general_network(observation: &Observation) -> Result<String> {
     let estimator = Estimator::new(load_trained_weights(GENERAL_WEIGHTS)?);
-    let geometry = match observation.imaging_geometry() {
-        Ok(geometry) => geometry,
+    let ideal = observation.on_ideal_cameras();
+    let (observation, geometry) = match ideal.and_then(|ideal| {
+        let geometry = ideal.imaging_geometry()?;
+        Ok((ideal, geometry))
+    }) {
+        Ok(found) => found,
         Err(problem) => return Ok(format!("cannot be used: {problem}")),
     };
     let estimate = match estimator.estimate(&observation.images, &geometry, None) {

@@ -3,7 +3,7 @@
 use crate::config;
 use crate::defaults;
 use crate::field::{Field, given_mask, part_of};
-use crate::files::Files;
+use crate::files::{Files, lineage};
 use crate::global::Global;
 use crate::network::{NetworkFlags, network_grid};
 use crate::outcome::Outcome;
@@ -200,7 +200,7 @@ impl Run<'_> {
             title: "Extinction by the network".into(),
             configuration: toml::to_string(&resolved).expect("plain numbers and text"),
             seed: self.global.seed,
-            ..Provenance::default()
+            lineage: lineage("infer", images),
         }
     }
 }
@@ -273,6 +273,7 @@ impl Rounding {
 }
 
 fn infer(network: &Estimator, observation: &Observation, grid: &Grid) -> Result<Estimate> {
+    let observation = observation.on_ideal_cameras()?;
     network.estimate(&observation.images, &observation.imaging_geometry()?, Some(grid))
 }
 

@@ -2,6 +2,7 @@
 
 use crate::config::{self, Values};
 use crate::defaults;
+use crate::files::lineage;
 use crate::global::Global;
 use crate::light::LightFlags;
 use crate::outcome::Outcome;
@@ -176,7 +177,7 @@ impl Job<'_> {
             title: "Extinction by inversion".into(),
             configuration: self.resolved(&self.settings),
             seed: global.seed,
-            ..Provenance::default()
+            lineage: lineage(self.what, self.images),
         };
         write_reconstruction(&flags.out, &reconstruction, &mask, &self.observation, &provenance)?;
         if reconstruction.ending == Ending::Interrupted && stopped() {

@@ -51,6 +51,7 @@ impl NetworkFlags {
                  above the brightest radiance; the network takes their radiances as measured"
             );
         }
+        let observation = observation.on_ideal_cameras()?;
         let geometry = observation.imaging_geometry()?;
         for unusual in estimator.unusual(&observation.images, &geometry, estimate)? {
             note!(

@@ -1,5 +1,6 @@
 //! `deepct render`: simulation of the images of a cloud.
 
+use crate::files::lineage;
 use crate::global::Global;
 use crate::light::{LightFlags, warn_of_neglected};
 use crate::outcome::Outcome;
@@ -453,7 +454,7 @@ impl Args {
             title: "Images of a cloud".into(),
             configuration: toml::to_string(&resolved).expect("plain numbers and text"),
             seed: global.seed,
-            ..Provenance::default()
+            lineage: lineage("render", &self.cloud),
         }
     }
 }

@@ -1,5 +1,6 @@
 //! `deepct sense`: simulation of sensor noise.
 
+use crate::files::lineage;
 use crate::global::Global;
 use crate::outcome::Outcome;
 use crate::summary::{self, Form};
@@ -45,7 +46,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
         title: "Images with sensor noise".into(),
         configuration: toml::to_string(&resolved).expect("plain numbers and text"),
         seed: global.seed,
-        ..Provenance::default()
+        lineage: lineage("sense", &args.images),
     };
     write_observation(&args.out, &observation, &provenance)?;
     let marks = observation.saturated.iter().flatten();

@@ -412,7 +412,7 @@ mod tests {
             images.slice_mut(s![.., 0, 0]).fill(1.0);
             values.iter().enumerate().for_each(|(view, value)| images[[view, 2, 1]] = *value);
             let images = ViewStack::with_missing(images).unwrap();
-            let seen = Observation::new(Sun::default(), vec![view; 3], images).unwrap();
+            let seen = Observation::new(Sun::default(), vec![view.clone(); 3], images).unwrap();
             carve(&seen, &grid, &settings(0.5, agreement)).unwrap().mask.values[[0, 2, 1]]
         };
         let missing = f32::NAN;

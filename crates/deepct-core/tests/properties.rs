@@ -198,7 +198,7 @@ fn one_voxel_one_pixel_and_one_view_have_an_answer() {
     let scene = Scene::new(medium, Sun::from_degrees(30.0, 0.0).unwrap(), Surface::BLACK).unwrap();
     let view = View::orthographic(DVec3::Z, grid.center(), 0.05, [1, 1]).unwrap();
     let [paths, ordinates] = [monte_carlo(20_000), ordinates()]
-        .map(|solver| render(&scene, &[view], &solver, &()).unwrap().images);
+        .map(|solver| render(&scene, std::slice::from_ref(&view), &solver, &()).unwrap().images);
     let (one, other) = (paths.values[[0, 0, 0]], ordinates.values[[0, 0, 0]]);
     assert!((other / one - 1.0).abs() < 0.05, "{one} {other}");
     let observation = Observation::new(scene.sun, vec![view], paths).unwrap();

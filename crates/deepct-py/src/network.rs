@@ -234,8 +234,9 @@ impl Network {
         let masked = mask.map(|values| crate::array::mask(values, "mask")).transpose()?;
         let (mut estimate, unusual) = quickly(py, || {
             let estimate = self.estimate_on(&observation, grid.as_ref())?;
-            let geometry = observation.imaging_geometry()?;
-            let unusual = self.estimator.unusual(&observation.images, &geometry, &estimate)?;
+            let ideal = observation.on_ideal_cameras()?;
+            let geometry = ideal.imaging_geometry()?;
+            let unusual = self.estimator.unusual(&ideal.images, &geometry, &estimate)?;
             Ok((estimate, unusual))
         })?;
         if let Some(masked) = masked {
@@ -293,8 +294,8 @@ impl Network {
         let observation = self.observation(radiance, views, light)?;
         quickly(radiance.py(), || {
             let estimate = self.estimate_on(&observation, grid.as_ref())?;
-            let geometry = observation.imaging_geometry()?;
-            self.estimator.image_statistics(&observation.images, &geometry, &estimate)
+            let ideal = observation.on_ideal_cameras()?;
+            self.estimator.image_statistics(&ideal.images, &ideal.imaging_geometry()?, &estimate)
         })
     }
 }
@@ -339,6 +340,7 @@ impl Network {
         grid: Option<&Grid>,
     ) -> Result<network::Estimate> {
         let grid = grid.map(|grid| &grid.0);
+        let observation = observation.on_ideal_cameras()?;
         self.estimator.estimate(&observation.images, &observation.imaging_geometry()?, grid)
     }
 

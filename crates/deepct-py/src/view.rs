@@ -6,12 +6,13 @@ use crate::observation::views_of;
 use crate::record::{Record, attributes, record};
 use deepct_core::math::{DVec3, towards};
 use deepct_core::{Error, scene};
-use numpy::ndarray::{Array1, Array2};
-use numpy::{IntoPyArray, PyArray1, PyArray2};
-use pyo3::exceptions::{PyIndexError, PyTypeError};
+use numpy::ndarray::{Array1, Array2, Array3};
+use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3, PyArrayMethods};
+use pyo3::exceptions::{PyIndexError, PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyIterator, PyList, PySlice, PyTuple};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 type Point = (f64, f64, f64);
 
@@ -35,9 +36,10 @@ pub(crate) fn camera_from_ecef(
 /// The geometry of a camera that points at a target. Image rows increase towards the north,
 /// columns towards the east.
 ///
-/// `View.perspective` and `View.orthographic` are the usual ways to construct it. The arguments are those
-/// of the attributes: `position` and `pixel_tangent` for a perspective camera, `direction` and `pixel_km`
-/// for a camera at infinity.
+/// `View.perspective`, `View.orthographic` and `View.lines_of_sight` are the usual ways to construct it.
+/// The arguments are those of the attributes: `position` and `pixel_tangent` for a perspective camera,
+/// `direction` and `pixel_km` for a camera at infinity, `points` and `directions` for an instrument with a
+/// line of sight for each pixel.
 ///
 /// Examples
 /// --------
@@ -45,18 +47,21 @@ pub(crate) fn camera_from_ecef(
 /// >>> round(view.zenith_deg, 2), view.azimuth_deg
 /// (30.03, 180.0)
 #[pyclass(frozen, from_py_object, module = "deepct_py")]
-#[derive(Clone, Copy)]
+#[derive(Clone)]
 pub(crate) struct View(scene::View);
 
 record!(View);
 
 impl Record for View {
     fn arguments<'py>(of: &Bound<'py, Self>) -> PyResult<Bound<'py, PyDict>> {
-        let kind: &[&str] = match of.get().0.projection {
-            scene::Projection::Perspective { .. } => &["position", "pixel_tangent"],
-            _ => &["direction", "pixel_km"],
+        let names: &[&str] = match of.get().0.projection {
+            scene::Projection::Perspective { .. } => {
+                &["target", "position", "pixel_tangent", "size", "shift"]
+            }
+            scene::Projection::LinesOfSight { .. } => &["target", "points", "directions"],
+            _ => &["target", "direction", "pixel_km", "size", "shift"],
         };
-        attributes(of.as_any(), &[&["target"], kind, &["size", "shift"]].concat())
+        attributes(of.as_any(), names)
     }
 }
 
@@ -74,20 +79,28 @@ impl View {
     #[pyo3(
         signature = (
             *, target, position = None, pixel_tangent = None, direction = None, pixel_km = None,
-            size = None, shift = None,
+            points = None, directions = None, size = None, shift = None,
         ),
         text_signature = "(*, target, position=None, pixel_tangent=None, direction=None, \
-                          pixel_km=None, size=(32, 32), shift=(0.0, 0.0))",
+                          pixel_km=None, points=None, directions=None, size=(32, 32), \
+                          shift=(0.0, 0.0))",
     )]
+    // In Python these are keyword arguments with defaults.
+    #[allow(clippy::too_many_arguments)]
     fn new(
         target: &Bound<'_, PyAny>,
         position: Option<&Bound<'_, PyAny>>,
         pixel_tangent: Option<f64>,
         direction: Option<&Bound<'_, PyAny>>,
         pixel_km: Option<f64>,
+        points: Option<&Bound<'_, PyAny>>,
+        directions: Option<&Bound<'_, PyAny>>,
         size: Option<&Bound<'_, PyAny>>,
         shift: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
+        if let (Some(points), Some(directions), None, None) = (points, directions, size, shift) {
+            return Self::lines_of_sight(points, directions, Some(target));
+        }
         let (target, size) = (point(target, "target")?, size_of(size)?);
         let view = match (position, pixel_tangent, direction, pixel_km) {
             (Some(position), Some(tangent), None, None) => {
@@ -98,7 +111,8 @@ impl View {
                 parallel(direction, target, pixel_km, size)
             }
             _ => {
-                let problem = "give position and pixel_tangent, or direction and pixel_km";
+                let problem = "give position and pixel_tangent, direction and pixel_km, or points and \
+                               directions alone";
                 return Err(PyTypeError::new_err(problem));
             }
         };
@@ -150,6 +164,26 @@ impl View {
         view(towards, point(target, "target")?, pixel_km, size_of(size)?).map(Self).map_err(raise)
     }
 
+    /// An instrument with a line of sight for each pixel, such as a scanner, whose position changes along the
+    /// image. `points` [row, col, 3] (km) are on the lines of sight of the pixel centres, and `directions`
+    /// [row, col, 3] point from there to the instrument, which is above the scene. Rows go northwards and
+    /// columns eastwards. `target` (km) is by default the point of the middle of the image.
+    #[staticmethod]
+    #[pyo3(signature = (points, directions, target = None))]
+    fn lines_of_sight(
+        points: &Bound<'_, PyAny>,
+        directions: &Bound<'_, PyAny>,
+        target: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<Self> {
+        let (points, directions) = (vectors(points, "points")?, vectors(directions, "directions")?);
+        let target = target.map(|target| point(target, "target")).transpose()?;
+        let view = scene::LinesOfSight::new(&points, &directions)
+            .and_then(|lines| scene::View::lines_of_sight(Arc::new(lines)));
+        view.and_then(|view| target.map_or(Ok(view.clone()), |target| view.aimed_at(target)))
+            .map(Self)
+            .map_err(raise)
+    }
+
     /// View zenith angle: the angle at the target between +z and the camera (degrees).
     #[getter]
     fn zenith_deg(&self) -> f64 {
@@ -191,6 +225,20 @@ impl View {
             scene::Projection::Perspective { pixel_tangent, .. } => Some(pixel_tangent),
             _ => None,
         }
+    }
+
+    /// Points (km) on the lines of sight of the pixel centres: numpy.ndarray, float64, [row, col, 3]; None
+    /// for cameras.
+    #[getter]
+    fn points<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyArray3<f64>>> {
+        self.0.pixel_lines().map(|[points, _]| components(&points).into_pyarray(py))
+    }
+
+    /// Vectors from these points to the instrument with a vertical component of 1: numpy.ndarray, float64,
+    /// [row, col, 3]; None for cameras.
+    #[getter]
+    fn directions<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyArray3<f64>>> {
+        self.0.pixel_lines().map(|[_, directions]| components(&directions).into_pyarray(py))
     }
 
     /// Unit vector from the target towards the camera.
@@ -240,6 +288,28 @@ impl View {
     }
 }
 
+/// The vectors of an array [row, col, 3].
+fn vectors(object: &Bound<'_, PyAny>, name: &str) -> PyResult<Array2<DVec3>> {
+    let numpy = object.py().import("numpy")?;
+    let array = numpy.call_method1("ascontiguousarray", (object, "float64"))?;
+    let shape: Vec<usize> = array.getattr("shape")?.extract()?;
+    let [rows, cols, 3] = shape[..] else {
+        let problem = format!("{name} has shape {shape:?}, but must be [row, col, 3]");
+        return Err(PyValueError::new_err(problem));
+    };
+    let array = array.cast_into::<PyArray3<f64>>()?.try_readonly()?;
+    let array = array.as_array();
+    Ok(Array2::from_shape_fn((rows, cols), |(row, col)| {
+        DVec3::from_array([0, 1, 2].map(|axis| array[[row, col, axis]]))
+    }))
+}
+
+/// The components of vectors, [row, col, 3].
+fn components(vectors: &Array2<DVec3>) -> Array3<f64> {
+    let (rows, cols) = vectors.dim();
+    Array3::from_shape_fn((rows, cols, 3), |(row, col, axis)| vectors[[row, col]][axis])
+}
+
 /// A camera at infinity whose direction, if it is a unit vector, is kept exactly: normalising it again
 /// may change it.
 fn parallel(
@@ -281,7 +351,7 @@ record!(Views);
 
 impl Record for Views {
     fn arguments<'py>(of: &Bound<'py, Self>) -> PyResult<Bound<'py, PyDict>> {
-        let views = of.get().0.iter().map(|view| View(*view));
+        let views = of.get().0.iter().map(|view| View(view.clone()));
         let arguments = PyDict::new(of.py());
         arguments.set_item("views", PyList::new(of.py(), views.collect::<Vec<_>>())?)?;
         Ok(arguments)
@@ -421,7 +491,7 @@ impl Views {
     }
 
     fn __iter__<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyIterator>> {
-        let views = self.0.iter().map(|view| View(*view));
+        let views = self.0.iter().map(|view| View(view.clone()));
         PyTuple::new(py, views.collect::<Vec<_>>())?.try_iter()
     }
 
@@ -431,7 +501,7 @@ impl Views {
             let count = self.0.len() as isize;
             let indices = slice.indices(count)?;
             let chosen = (0..indices.slicelength as isize)
-                .map(|step| self.0[(indices.start + step * indices.step) as usize]);
+                .map(|step| self.0[(indices.start + step * indices.step) as usize].clone());
             return Ok(Bound::new(py, Self::of(chosen.collect())?)?.into_any());
         }
         let index: i64 = index.extract()?;
@@ -439,7 +509,7 @@ impl Views {
         let view = usize::try_from(wrapped).ok().and_then(|index| self.0.get(index));
         let view =
             view.ok_or_else(|| PyIndexError::new_err(format!("there is no view {index}")))?;
-        Ok(Bound::new(py, View(*view))?.into_any())
+        Ok(Bound::new(py, View(view.clone()))?.into_any())
     }
 
     fn __add__(&self, other: ViewSequence) -> Self {

@@ -1,6 +1,7 @@
 """Interruptions, forked processes, and arrays that cannot be used."""
 
 import os
+import pickle
 import signal
 import subprocess
 import sys
@@ -369,3 +370,75 @@ def test_a_trilinear_medium_is_surrounded_by_clear_voxels(scene):
     inner = np.zeros(GRID.shape, np.float32)
     inner[1:-1, 1:-1, 1:-1] = 1.0
     deepct.render(inner, GRID, views, trilinear=True, samples=2)
+
+
+def as_lines(view, altitude=0.0):
+    """A view with the lines of sight of another."""
+    rows, cols = view.size
+    rays = [[view.ray(row + 0.5, col + 0.5) for col in range(cols)] for row in range(rows)]
+    origins, directions = np.moveaxis(np.array(rays), 2, 0)
+    points = origins + directions * ((altitude - origins[..., 2:]) / directions[..., 2:])
+    return deepct.View.lines_of_sight(points, -directions, view.target)
+
+
+def test_a_camera_by_its_lines_of_sight(sensed, tmp_path):
+    cloud, images = sensed
+    views = deepct.Views([as_lines(view) for view in images.views])
+    seen = images.replace(views=views)
+    for view, camera in zip(views, images.views):
+        assert view.position is None and view.points.shape == view.directions.shape == (32, 32, 3)
+        assert abs(view.zenith_deg - camera.zenith_deg) < 1e-4
+        assert pickle.loads(pickle.dumps(view)) == view
+    # The number of rays per pixel depends on the size of its pixels, which is that of these.
+    # Beside the target, none is in a face of the voxels.
+    target = (0.8031, 0.8077, 1.12)
+    parallel = [deepct.View.orthographic(v.zenith_deg, v.azimuth_deg, target, 0.06) for v in images.views]
+    options = {"solver": "ordinates", "accuracy": 0.05, "estimate_error": False}
+    rendered, expected = (
+        deepct.render(cloud.extinction, cloud.grid, each, images.light, **options).radiance
+        for each in ([as_lines(view) for view in parallel], parallel)
+    )
+    np.testing.assert_allclose(rendered, expected, rtol=1e-4)
+    sampled, expected = (
+        deepct.render(cloud.extinction, cloud.grid, each, images.light, samples=16, seed=3)
+        for each in (views, images.views)
+    )
+    error = np.hypot(sampled.standard_error, expected.standard_error)
+    assert (np.abs(sampled.radiance - expected.radiance) < 6.0 * error + 1e-6).mean() > 0.99
+    masks = [deepct.carve(each, grid=cloud.grid).mask for each in (seen, images)]
+    assert (masks[0] ^ masks[1]).sum() < 0.005 * masks[1].sum()
+    network = deepct.Network.load("general")
+    answers = [network.infer(each, grid=cloud.grid) for each in (seen, images)]
+    errors = [deepct.score(cloud.extinction, answer).relative_error for answer in answers]
+    assert abs(errors[0] - errors[1]) < 0.05, errors
+    seen.to_netcdf(tmp_path / "lines.nc")
+    read = deepct.read_images(tmp_path / "lines.nc")
+    for view, other in zip(read.views, views):
+        np.testing.assert_allclose(view.points, other.points, atol=1e-9)
+        np.testing.assert_allclose(view.target, other.target, atol=1e-9)
+    with pytest.raises(ValueError, match="give such images"):
+        deepct.Network.load("cloudct-10").infer(seen)
+
+
+def test_a_scanner(sensed, tmp_path):
+    """Perspective across its track and parallel along it, from aircraft at an altitude of 20 km."""
+    cloud, images = sensed
+    light = images.light
+    x, y = (0.05 * (np.arange(48) - 8.0) + 0.025 for _ in range(2))
+    views = []
+    for angle in np.radians([-60.0, -40.0, -20.0, 0.0, 20.0, 40.0, 60.0]):
+        points = np.stack([*np.meshgrid(x, y), np.full((48, 48), 1.0)], axis=-1)
+        aircraft = np.stack([np.full(48, 0.8), y + 19.0 * np.tan(angle), np.full(48, 20.0)], axis=-1)
+        views.append(deepct.View.lines_of_sight(points, aircraft[:, None] - points))
+    rendered = deepct.render(cloud.extinction, cloud.grid, views, light, solver="ordinates", accuracy=0.05)
+    noisy = deepct.sense(rendered, "cmv4000")
+    carved = deepct.carve(noisy, grid=cloud.grid)
+    lost = (cloud.extinction * ~carved.mask).sum() / cloud.extinction.sum()
+    assert lost < 0.02 and carved.mask.mean() < 0.2, (lost, carved.mask.mean())
+    solved = deepct.invert(noisy, grid=cloud.grid, mask=carved, init="auto", iterations=6, corrections=1)
+    assert deepct.score(cloud.extinction, solved).relative_error < 0.8
+    noisy.to_netcdf(tmp_path / "scanner.nc")
+    again = deepct.carve(deepct.read_images(tmp_path / "scanner.nc"), grid=cloud.grid).mask
+    assert (again ^ carved.mask).sum() < 0.002 * carved.mask.sum()
+    with pytest.raises(ValueError, match="within 2 degrees for a network"):
+        deepct.Network.load("general").infer(noisy)

@@ -82,3 +82,17 @@ fn files_of_other_programs_are_not_replaced() {
     program.refuse("cloud generate --out -", &["standard output", "name a file"]);
     assert!(!program.path("-").exists());
 }
+
+/// Every file states by which commands it was made.
+#[test]
+fn files_have_a_history() {
+    let program = Program::new();
+    program.succeed("cloud generate --set shape=[8,12,12] --set width_km=0.3 --out C.nc");
+    program.succeed("render C.nc --views cloudct-10 --samples 2 --out I.nc");
+    program.succeed("sense I.nc --out N.nc");
+    program.succeed("infer N.nc --grid C.nc --out V.nc");
+    let history = deepct_core::io::read_lineage(program.path("V.nc")).history;
+    let commands: Vec<_> = history.lines().filter_map(|line| line.split_once(": ")).collect();
+    let commands: Vec<_> = commands.into_iter().map(|(_, command)| command).collect();
+    assert_eq!(commands, ["infer N.nc", "sense I.nc", "render C.nc"]);
+}

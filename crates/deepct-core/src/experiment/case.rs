@@ -186,7 +186,7 @@ fn select_views(observation: &Observation, formation: &Formation) -> Result<Obse
     let select = |images: &Array3<f32>| images.select(Axis(0), &chosen);
     let mut selected = Observation::new(
         observation.light.clone(),
-        chosen.iter().map(|view| observation.views[*view]).collect(),
+        chosen.iter().map(|view| observation.views[*view].clone()).collect(),
         ViewStack::with_missing(select(&observation.images.values))?,
     )?;
     selected.assumed.clone_from(&observation.assumed);

@@ -31,6 +31,7 @@ pub fn hybrid(
     watch: &dyn Watch,
 ) -> Result<Reconstruction> {
     let Problem { observation, mask, .. } = problem;
+    let observation = observation.on_ideal_cameras()?;
     let geometry = observation.imaging_geometry()?;
     let mut start = network.estimate(&observation.images, &geometry, Some(&mask.grid))?;
     mask.apply(&mut start.extinction)?;

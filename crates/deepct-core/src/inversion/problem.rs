@@ -112,17 +112,17 @@ mod tests {
             let images = ViewStack::new(Array3::zeros((views.len(), rows, cols))).unwrap();
             Observation::new(Sun::default(), views, images).unwrap()
         };
-        let mut missing = observe(vec![view]);
+        let mut missing = observe(vec![view.clone()]);
         missing.images.values.fill(f32::NAN);
         assert_eq!(shown(&mask, &missing).unwrap().count(), 0);
-        let found = shown(&mask, &observe(vec![view])).unwrap();
+        let found = shown(&mask, &observe(vec![view.clone()])).unwrap();
         for ((k, j, i), &inside) in found.values.indexed_iter() {
             assert_eq!(inside, i >= 4 && (k, j, i) != (0, 0, 5), "{k} {j} {i}");
         }
         // A slanted view also shows the upper voxels beside them.
         let west = crate::math::towards(45_f64.to_radians(), 270_f64.to_radians());
         let slanted = View::orthographic(west, target, 0.05, [4, 2]).unwrap();
-        let mut both = observe(vec![view, slanted]);
+        let mut both = observe(vec![view.clone(), slanted]);
         assert!(shown(&mask, &both).unwrap().values[[1, 2, 3]]);
         both.light.boundary = Boundary::Periodic;
         assert_eq!(shown(&mask, &both).unwrap(), mask);

@@ -2,6 +2,7 @@
 
 mod formation;
 mod light;
+mod lines;
 mod local;
 mod meeting;
 mod surface;
@@ -11,6 +12,7 @@ mod view_list;
 
 pub use formation::{EARTH_RADIUS_KM, Formation};
 pub use light::{DropletOpticsModel, ExtinctionModel, Light, LightTable, PhaseModel};
+pub use lines::LinesOfSight;
 pub use local::camera_from_ecef;
 pub use meeting::Meeting;
 pub use surface::{Surface, Waves};
@@ -25,6 +27,7 @@ use crate::math::{DVec3, towards};
 use crate::optics::air::Air;
 use crate::optics::{Interpolation, Medium};
 use ndarray::{Array3, Axis, Zip};
+use std::borrow::Cow;
 
 /// Difference of two altitudes (km) that is due to rounding.
 const ROUNDING: f64 = 1e-9;
@@ -207,6 +210,26 @@ fn check_radiances(images: &ViewStack, irradiance: f64) -> Result<()> {
     }
 }
 
+/// Largest angle (degrees) between lines of sight that count as parallel: they are half a pixel of 50 m apart
+/// at the ends of a cloud that extends 0.7 km above and below the target.
+const PARALLEL_DEG: f64 = 2.0;
+
+/// The bilinear interpolation between pixel centres; NaN outside of the image and beside missing pixels.
+fn interpolated(image: Image<'_>, (row, col): (f64, f64)) -> f32 {
+    let size = [image.nrows(), image.ncols()];
+    let at = [row, col];
+    if (0..2).any(|axis| !(0.0..=size[axis] as f64).contains(&at[axis])) {
+        return f32::NAN;
+    }
+    let centre = [0, 1].map(|axis| (at[axis] - 0.5).clamp(0.0, (size[axis] - 1) as f64));
+    let first = [0, 1].map(|axis| (centre[axis] as usize).min(size[axis].saturating_sub(2)));
+    let part = [0, 1].map(|axis| (centre[axis] - first[axis] as f64) as f32);
+    let next = [0, 1].map(|axis| (first[axis] + 1).min(size[axis] - 1));
+    let line =
+        |row: usize| (1.0 - part[1]) * image[[row, first[1]]] + part[1] * image[[row, next[1]]];
+    (1.0 - part[0]) * line(first[0]) + part[0] * line(next[0])
+}
+
 /// Whether an image consists of one of this size in the middle of missing pixels.
 fn is_padded(image: Image<'_>, [rows, cols]: [usize; 2]) -> bool {
     let [top, left] = first_of_padded([rows, cols], [image.nrows(), image.ncols()]);
@@ -341,6 +364,48 @@ impl Observation {
             known.zip_mut_with(saturated, |known, saturated| *known &= !saturated);
         }
         known
+    }
+
+    /// The observation as networks need it: images with a line of sight for each pixel are interpolated to
+    /// those of orthographic cameras, with pixels on the horizontal plane through the common target.
+    ///
+    /// # Errors
+    /// Returns an error if there is no common target, or if the lines of sight of an image are so far from
+    /// parallel that an orthographic camera does not see the same.
+    pub fn on_ideal_cameras(&self) -> Result<Cow<'_, Self>> {
+        let is_ideal = |view: &View| !matches!(view.projection, Projection::LinesOfSight { .. });
+        if self.views.iter().all(is_ideal) {
+            return Ok(Cow::Borrowed(self));
+        }
+        let (mut observation, target) = (self.clone(), target(&self.views)?);
+        let chosen = self.views.iter().enumerate().filter(|(_, view)| !is_ideal(view));
+        for (number, view) in chosen {
+            let aimed = view.aimed_at(target)?;
+            let spread = aimed.spread().to_degrees();
+            if spread > PARALLEL_DEG {
+                return Err(Error::out_of_range(
+                    "lines of sight",
+                    format!("up to {spread:.2} degrees from that of the target in view {number}"),
+                    format!(
+                        "within {PARALLEL_DEG} degrees for a network: give smaller images, or use invert"
+                    ),
+                ));
+            }
+            let size = [view.rows, view.cols];
+            let ideal = View::orthographic(aimed.towards(), target, aimed.pixel_km(), size)?
+                .with_shift(aimed.shift)?;
+            let image = self.images.image(number);
+            let mut resampled = observation.images.values.index_axis_mut(Axis(0), number);
+            for ((row, col), radiance) in resampled.indexed_iter_mut() {
+                let ray = ideal.ray(row as f64 + 0.5, col as f64 + 0.5);
+                let point = ray.at((target.z - ray.origin.z) / ray.direction.z);
+                let place = view.project(point);
+                *radiance = place.map_or(f32::NAN, |place| interpolated(image, place));
+            }
+            observation.views[number] = ideal;
+        }
+        (observation.standard_error, observation.saturated) = (None, None);
+        Ok(Cow::Owned(observation))
     }
 
     /// The solar and viewing geometry as plain numbers.

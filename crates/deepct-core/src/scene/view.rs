@@ -1,14 +1,17 @@
 //! A view: one image with its camera geometry.
 
+use super::lines::LinesOfSight;
 use crate::error::{Error, Result};
 use crate::image::first_of_padded;
 use crate::math::{DVec3, Ray, zenith_and_azimuth};
 use crate::memory;
 use glam::DVec2;
+use ndarray::Array2;
 use std::ops::Range;
+use std::sync::Arc;
 
 /// The projection of points of the scene onto the image.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub enum Projection {
     /// Central projection: all rays pass through the camera position, and the image plane is normal
@@ -27,6 +30,13 @@ pub enum Projection {
         /// Pixel size in the horizontal plane (km).
         pixel_km: f64,
     },
+    /// A line of sight for each pixel.
+    LinesOfSight {
+        /// The lines of sight of a whole image.
+        lines: Arc<LinesOfSight>,
+        /// The row and column in it of the first pixel of this image.
+        first: [f64; 2],
+    },
 }
 
 /// Largest shift of an image (pixels): that of a part of any image there is.
@@ -39,7 +49,7 @@ const SAME_TARGET: f64 = 1e-6;
 const TURNED_PIXEL: f64 = 0.1;
 
 /// A camera pointed at a target. Rows increase towards north and columns towards east.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct View {
     /// The point that the camera is pointed at (km), at the centre of the image unless it is shifted.
     pub target: DVec3,
@@ -113,6 +123,20 @@ impl View {
         Self::parallel(towards, target, pixel_km, size)
     }
 
+    /// An image with a line of sight for each pixel, whose middle shows the target.
+    ///
+    /// # Errors
+    /// As [`View::perspective`].
+    pub fn lines_of_sight(lines: Arc<LinesOfSight>) -> Result<Self> {
+        let [rows, cols] = lines.size();
+        let (target, _) = lines.at(0.5 * DVec2::new(rows as f64, cols as f64), lines.altitude());
+        let target = target.extend(lines.altitude());
+        let projection = Projection::LinesOfSight { lines, first: [0.0, 0.0] };
+        let view = Self { target, projection, shift: [0.0, 0.0], rows, cols };
+        let pixel = view.pixel_km();
+        view.checked(pixel)
+    }
+
     /// Whether the camera is below its target.
     pub fn looks_up(&self) -> bool {
         self.towards().z < 0.0
@@ -141,11 +165,24 @@ impl View {
         Ok(Self { shift, ..self })
     }
 
+    /// The points (km) on the lines of sight of the pixel centres, and vectors from there to the instrument
+    /// with a vertical component of 1, `[row, col]`; `None` for a camera of another kind.
+    pub fn pixel_lines(&self) -> Option<[Array2<DVec3>; 2]> {
+        let Projection::LinesOfSight { lines, first } = &self.projection else { return None };
+        let line = |part: usize| {
+            Array2::from_shape_fn((self.rows, self.cols), |(row, col)| {
+                let pixel = DVec2::new(row as f64, col as f64);
+                lines.line(DVec2::from(*first) + pixel + 0.5)[part]
+            })
+        };
+        Some([line(0), line(1)])
+    }
+
     /// The view of a part of the image: `[rows, cols]` pixels from the pixel `first`.
     ///
     /// # Errors
     /// Returns an error if the part is empty or extends beyond the image.
-    pub fn part(self, first: [usize; 2], [rows, cols]: [usize; 2]) -> Result<Self> {
+    pub fn part(&self, first: [usize; 2], [rows, cols]: [usize; 2]) -> Result<Self> {
         let ends = [first[0].checked_add(rows), first[1].checked_add(cols)];
         let inside = |end: Option<usize>, whole: usize| end.is_some_and(|end| end <= whole);
         if rows == 0 || cols == 0 || !inside(ends[0], self.rows) || !inside(ends[1], self.cols) {
@@ -162,25 +199,29 @@ impl View {
     /// Returns an error if the other image is smaller.
     ///
     /// [`ViewStack::of_images`]: crate::image::ViewStack::of_images
-    pub fn padded(self, size: [usize; 2]) -> Result<Self> {
+    pub fn padded(&self, size: [usize; 2]) -> Result<Self> {
         if size[0] < self.rows || size[1] < self.cols {
             let range = format!("at least [{}, {}], that of the view", self.rows, self.cols);
             return Err(Error::out_of_range("image size [row, col]", format!("{size:?}"), range));
         }
         if size == [self.rows, self.cols] {
-            return Ok(self);
+            return Ok(self.clone());
         }
         let before = first_of_padded([self.rows, self.cols], size);
         self.framed(before.map(|before| -(before as f64)), size)
     }
 
     /// The view of `[rows, cols]` pixels from the pixel `first` of this image, which may be outside it.
-    fn framed(self, first: [f64; 2], [rows, cols]: [usize; 2]) -> Result<Self> {
+    fn framed(&self, first: [f64; 2], [rows, cols]: [usize; 2]) -> Result<Self> {
         let moved = |axis: usize, size: usize, whole: usize| {
             self.shift[axis] + first[axis] + 0.5 * size as f64 - 0.5 * whole as f64
         };
         let shift = [moved(0, rows, self.rows), moved(1, cols, self.cols)];
-        Self { rows, cols, ..self }.with_shift(shift)
+        let mut view = Self { rows, cols, ..self.clone() };
+        if let Projection::LinesOfSight { first: before, .. } = &mut view.projection {
+            *before = [before[0] + first[0], before[1] + first[1]];
+        }
+        view.with_shift(shift)
     }
 
     /// The view of a larger image of `[rows, cols]` pixels, of which this one is the part that begins at
@@ -188,11 +229,13 @@ impl View {
     ///
     /// # Errors
     /// Returns an error if the image is not larger.
-    pub fn enlarged(self, first: [usize; 2], [rows, cols]: [usize; 2]) -> Result<Self> {
-        let whole = Self { rows, cols, ..self };
-        let part = whole.part(first, [self.rows, self.cols])?;
-        let shift = [0, 1].map(|axis| self.shift[axis] - (part.shift[axis] - whole.shift[axis]));
-        whole.with_shift(shift)
+    pub fn enlarged(&self, first: [usize; 2], [rows, cols]: [usize; 2]) -> Result<Self> {
+        if first[0] + self.rows > rows || first[1] + self.cols > cols {
+            let found = format!("{} x {} pixels from {first:?}", self.rows, self.cols);
+            let range = format!("within {rows} x {cols} pixels");
+            return Err(Error::out_of_range("part of an image", found, range));
+        }
+        self.framed(first.map(|first| -(first as f64)), [rows, cols])
     }
 
     /// The view of the same image with another target (km), from which the image is shifted. For a
@@ -204,11 +247,11 @@ impl View {
     /// move a pixel by more than a tenth of its size.
     pub fn aimed_at(&self, target: DVec3) -> Result<Self> {
         if self.target.distance(target) <= SAME_TARGET {
-            return Ok(*self);
+            return Ok(self.clone());
         }
         let [rows, cols] = [self.rows as f64, self.cols as f64];
         let moved = self.project(target).and_then(|(row, col)| {
-            let view = Self { target, ..*self };
+            let view = Self { target, ..self.clone() };
             let view = view.with_shift([0.5 * rows - row, 0.5 * cols - col]).ok()?;
             let corners = [(0.0, 0.0), (0.0, cols), (rows, 0.0), (rows, cols)];
             let same = corners.into_iter().all(|(row, col)| {
@@ -258,6 +301,10 @@ impl View {
         match self.projection {
             Projection::Perspective { position, .. } => (position - self.target).normalize(),
             Projection::Orthographic { towards, .. } => towards,
+            Projection::LinesOfSight { .. } => {
+                let DVec2 { x: row, y: col } = self.middle();
+                -self.ray(row, col).direction
+            }
         }
     }
 
@@ -272,21 +319,45 @@ impl View {
     }
 
     /// Pixel size at the target (km): normal to the line of sight for a perspective camera, in the
-    /// horizontal plane for an orthographic one.
+    /// horizontal plane for an orthographic one; for lines of sight, the root of the area of the pixel that
+    /// shows the target in this plane.
     pub fn pixel_km(&self) -> f64 {
-        match self.projection {
+        match &self.projection {
             Projection::Perspective { position, pixel_tangent } => {
                 position.distance(self.target) * pixel_tangent
             }
-            Projection::Orthographic { pixel_km, .. } => pixel_km,
+            Projection::Orthographic { pixel_km, .. } => *pixel_km,
+            Projection::LinesOfSight { lines, first } => {
+                let place = self.middle() + DVec2::from(*first);
+                let (_, [north, east]) = lines.at(place, self.target.z);
+                east.perp_dot(north).abs().sqrt()
+            }
         }
     }
 
-    /// Distance of the camera from the target (km); `None` for an orthographic camera.
+    /// The largest angle between the lines of sight of neighbouring pixels (radians).
+    pub(crate) fn pixel_angle(&self) -> f64 {
+        match &self.projection {
+            Projection::Perspective { pixel_tangent, .. } => *pixel_tangent,
+            Projection::Orthographic { .. } => 0.0,
+            Projection::LinesOfSight { lines, .. } => lines.pixel_angle(),
+        }
+    }
+
+    /// The largest angle between the line of sight to the target and those at the corners (radians).
+    pub(crate) fn spread(&self) -> f64 {
+        let (rows, cols) = (self.rows as f64, self.cols as f64);
+        let corners = [(0.0, 0.0), (0.0, cols), (rows, 0.0), (rows, cols)];
+        let angle = |(row, col)| (-self.ray(row, col).direction).angle_between(self.towards());
+        corners.into_iter().map(angle).fold(0.0, f64::max)
+    }
+
+    /// Distance of the camera from the target (km); `None` for an orthographic camera and for lines of
+    /// sight.
     pub fn distance_km(&self) -> Option<f64> {
         match self.projection {
             Projection::Perspective { position, .. } => Some(position.distance(self.target)),
-            Projection::Orthographic { .. } => None,
+            Projection::Orthographic { .. } | Projection::LinesOfSight { .. } => None,
         }
     }
 
@@ -302,18 +373,21 @@ impl View {
     /// `col` are continuous: pixel `[r, c]` spans `r..r+1, c..c+1`.
     ///
     /// The ray of an orthographic view starts at a distance of 1000 km from the horizontal plane
-    /// through the target, or in this plane if it looks up.
+    /// through the target, or in this plane if it looks up; one of lines of sight, at this distance from
+    /// their points.
     #[inline]
     pub fn ray(&self, row: f64, col: f64) -> Ray {
-        let DVec2 { x: row, y: col } = DVec2::new(row, col) - self.middle();
-        match self.projection {
+        let at = DVec2::new(row, col) - self.middle();
+        match &self.projection {
             Projection::Perspective { position, pixel_tangent } => {
                 let (col_axis, row_axis) = self.axes();
-                let direction = pixel_tangent * (col * col_axis + row * row_axis) - self.towards();
-                Ray { origin: position, direction: direction.normalize() }
+                let direction =
+                    *pixel_tangent * (at.y * col_axis + at.x * row_axis) - self.towards();
+                Ray { origin: *position, direction: direction.normalize() }
             }
-            Projection::Orthographic { towards, pixel_km } => {
-                let point = self.target + pixel_km * DVec3::new(col, row, 0.0);
+            Projection::LinesOfSight { lines, first } => lines.ray(row + first[0], col + first[1]),
+            &Projection::Orthographic { towards, pixel_km } => {
+                let point = self.target + pixel_km * DVec3::new(at.y, at.x, 0.0);
                 let start = if towards.z > 0.0 { 1000.0 } else { 0.0 };
                 Ray { origin: point + start * towards, direction: -towards }
             }
@@ -338,11 +412,14 @@ impl View {
     /// Prepares the projection of many points.
     pub(crate) fn projector(&self) -> Projector {
         let middle = self.middle();
-        match self.projection {
+        let map = match self.projection {
+            Projection::LinesOfSight { ref lines, first } => {
+                return Projector::Search { lines: lines.clone(), first: DVec2::from(first) };
+            }
             Projection::Perspective { position, pixel_tangent } => {
                 let (col_axis, row_axis) = self.axes();
                 let towards = self.towards();
-                Projector {
+                LinearMap {
                     origin: position,
                     axes: [row_axis / pixel_tangent, col_axis / pixel_tangent, -towards],
                     depth: 0.0,
@@ -354,7 +431,7 @@ impl View {
                 // The point is projected along the line of sight onto the horizontal plane.
                 let axis =
                     |along: DVec3| (along - along.dot(towards) / towards.z * DVec3::Z) / pixel_km;
-                Projector {
+                LinearMap {
                     origin: self.target,
                     axes: [axis(DVec3::Y), axis(DVec3::X), DVec3::ZERO],
                     depth: 1.0,
@@ -362,13 +439,23 @@ impl View {
                     middle,
                 }
             }
-        }
+        };
+        Projector::Linear(map)
     }
 }
 
-/// The projection of a view as a linear map in homogeneous coordinates, for many points.
+/// The projection of a view for many points.
+#[derive(Debug, Clone)]
+pub(crate) enum Projector {
+    /// By a linear map.
+    Linear(LinearMap),
+    /// By a search among lines of sight, which begin with a row and a column.
+    Search { lines: Arc<LinesOfSight>, first: DVec2 },
+}
+
+/// A linear map in homogeneous coordinates.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Projector {
+pub(crate) struct LinearMap {
     origin: DVec3,
     /// Gradients of row times depth, column times depth, and depth.
     axes: [DVec3; 3],
@@ -384,6 +471,32 @@ impl Projector {
     /// As [`View::project`].
     #[inline]
     pub(crate) fn project(&self, point: DVec3) -> Option<(f64, f64)> {
+        match self {
+            Self::Linear(map) => map.project(point),
+            Self::Search { lines, first } => lines.project(point).map(|at| (at - first).into()),
+        }
+    }
+
+    /// Projects equidistant points at one altitude, which start at `first` and are `step` apart, to
+    /// `(row, col)`. The result is NaN for points that the view does not show.
+    #[inline]
+    pub(crate) fn project_row(&self, first: DVec3, step: DVec3, pixels: &mut [DVec2]) {
+        match self {
+            Self::Linear(map) => map.project_row(first, step, pixels),
+            Self::Search { .. } => {
+                for (number, pixel) in pixels.iter_mut().enumerate() {
+                    let place = self.project(first + number as f64 * step);
+                    *pixel = place.map_or(DVec2::NAN, DVec2::from);
+                }
+            }
+        }
+    }
+}
+
+impl LinearMap {
+    /// As [`View::project`].
+    #[inline]
+    fn project(&self, point: DVec3) -> Option<(f64, f64)> {
         let offset = point - self.origin;
         let [row, col, depth] = self.axes.map(|axis| axis.dot(offset));
         let depth = self.depth + depth;
@@ -391,10 +504,9 @@ impl Projector {
         (depth > 0.0 && point.z >= self.lowest).then_some((place.x, place.y))
     }
 
-    /// Projects equidistant points at one altitude, which start at `first` and are `step` apart, to
-    /// `(row, col)`. The result is NaN for points behind the camera.
+    /// As [`Projector::project_row`].
     #[inline]
-    pub(crate) fn project_row(&self, first: DVec3, step: DVec3, pixels: &mut [DVec2]) {
+    fn project_row(&self, first: DVec3, step: DVec3, pixels: &mut [DVec2]) {
         if first.z < self.lowest {
             pixels.fill(DVec2::NAN);
             return;
@@ -510,7 +622,7 @@ mod tests {
         let up = View::looking_up(towards, target, 0.05, [32, 40]).unwrap();
         let camera = target + 0.15 * towards;
         let near = View::perspective(camera, target, 0.05, [32, 40]).unwrap();
-        for view in [up, near] {
+        for view in [up.clone(), near] {
             assert!(view.looks_up());
             let ray = view.ray(10.25, 30.5);
             assert!(ray.direction.z > 0.0);

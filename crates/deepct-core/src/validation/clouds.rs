@@ -411,8 +411,12 @@ fn glory(effort: Effort, row: &mut dyn FnMut(Row)) -> Result<()> {
                 f64::to_radians(angle).cos() * sun.towards() + f64::to_radians(angle).sin() * side;
             let target = DVec3::new(0.5, 0.5, 0.4);
             let view = View::orthographic(towards, target, 1e-3, [1, 1])?;
-            let mut model =
-                OrdinatesModel::new(&scene, &[view], None, &OrdinatesSettings::default())?;
+            let mut model = OrdinatesModel::new(
+                &scene,
+                std::slice::from_ref(&view),
+                None,
+                &OrdinatesSettings::default(),
+            )?;
             let found = f64::from(model.images(&extinction)?.values[[0, 0, 0]]);
             let seconds = started.elapsed().as_secs_f64();
             let settings = MonteCarloSettings {

@@ -218,7 +218,12 @@ fn scale_of_a_cumulus(report: &mut Report, folder: &Path) -> Result<()> {
             .with_interpolation(Interpolation::Trilinear);
         let sun = Sun::from_degrees(SUN_ZENITH_DEG, 225.0)?;
         let scene = Scene::new(medium, sun, Surface::BLACK)?;
-        let mut model = OrdinatesModel::new(&scene, &[view], None, &OrdinatesSettings::default())?;
+        let mut model = OrdinatesModel::new(
+            &scene,
+            std::slice::from_ref(&view),
+            None,
+            &OrdinatesSettings::default(),
+        )?;
         let images = model.images(&extinction)?;
         // The reference radiances are for a flux of 1 through a horizontal plane.
         let flux = SUN_ZENITH_DEG.to_radians().cos();

@@ -47,7 +47,7 @@ pub(super) fn run(mut report: Report, reference: Option<&Path>) -> Result<()> {
             let expected = read_reference_view(&folder.join("rico32_views.nc"), name, mark)?;
             let seed = report.effort.seed;
             let settings = MonteCarloSettings { samples_per_pixel, seed, ..Default::default() };
-            let view = expected.view;
+            let view = expected.view.clone();
             let found = render(&scene, &[view], &Solver::MonteCarlo(settings), &())?;
             compare(
                 &mut report,

@@ -316,7 +316,7 @@ fn without(path: &Path, observation: &Observation, names: &[&str]) {
 
 fn part(observation: &Observation, view: usize) -> Observation {
     let images = observation.images.values.slice(ndarray::s![view..=view, .., ..]).to_owned();
-    let views = vec![observation.views[view]];
+    let views = vec![observation.views[view].clone()];
     Observation::new(observation.light.clone(), views, ViewStack::new(images).unwrap()).unwrap()
 }
 
@@ -340,7 +340,7 @@ fn what_follows_from_other_variables_may_be_missing() {
         without(&path, &parallel, &informative);
         let (found, derived) = io::read_derived_observation(&path).unwrap();
         assert!(derived[0].contains(word), "{derived:?}");
-        let (found, expected) = (found.views[0], parallel.views[0]);
+        let (found, expected) = (&found.views[0], &parallel.views[0]);
         assert!(found.towards().distance(expected.towards()) < 1e-12);
         assert_eq!((found.pixel_km(), found.shift), (expected.pixel_km(), expected.shift));
         assert_eq!(found.looks_up(), view == 2);

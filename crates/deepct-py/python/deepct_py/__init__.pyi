@@ -219,6 +219,8 @@ class View:
         pixel_tangent: Optional[float] = None,
         direction: Optional[_Numbers] = None,
         pixel_km: Optional[float] = None,
+        points: Optional[ArrayLike] = None,
+        directions: Optional[ArrayLike] = None,
         size: _Numbers = (32, 32),
         shift: _Numbers = (0.0, 0.0),
     ) -> View: ...
@@ -236,6 +238,10 @@ class View:
         *,
         looks_up: bool = False,
     ) -> View: ...
+    @staticmethod
+    def lines_of_sight(
+        points: ArrayLike, directions: ArrayLike, target: Optional[_Numbers] = None
+    ) -> View: ...
     @property
     def zenith_deg(self) -> float: ...
     @property
@@ -248,6 +254,10 @@ class View:
     def position(self) -> Optional[_Point]: ...
     @property
     def pixel_tangent(self) -> Optional[float]: ...
+    @property
+    def points(self) -> Optional[NDArray[np.float64]]: ...
+    @property
+    def directions(self) -> Optional[NDArray[np.float64]]: ...
     @property
     def direction(self) -> _Point: ...
     @property

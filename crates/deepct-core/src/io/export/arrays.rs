@@ -149,7 +149,7 @@ pub(super) fn of_images(observation: &Observation) -> Vec<NamedArray> {
         points("target", |view| view.target),
         points("camera_position", |view| match view.projection {
             Projection::Perspective { position, .. } => position,
-            Projection::Orthographic { .. } => DVec3::NAN,
+            _ => DVec3::NAN,
         }),
         number("sun_zenith_deg", sun.zenith.to_degrees()),
         number("sun_azimuth_deg", sun.azimuth.to_degrees()),

@@ -5,18 +5,27 @@ use super::window::{PIXEL_AXES, Window, check_count};
 use super::write::{Attribute::*, Output};
 use crate::error::{Error, Result};
 use crate::math::{DVec3, towards, zenith_and_azimuth};
-use crate::scene::{Projection, View};
-use ndarray::{Array2, ArrayD};
+use crate::scene::{LinesOfSight, Projection, View};
+use ndarray::{Array2, Array3, Array4, ArrayD};
+use std::sync::Arc;
 
 /// The values of the variable `projection`.
 const PERSPECTIVE: i8 = 0;
 const ORTHOGRAPHIC: i8 = 1;
 const LOOKING_UP: i8 = 2;
+const LINES_OF_SIGHT: i8 = 3;
 /// Their names.
-const PROJECTIONS: [(i8, &str); 3] = [
+const PROJECTIONS: [(i8, &str); 4] = [
     (PERSPECTIVE, "perspective"),
     (ORTHOGRAPHIC, "orthographic"),
     (LOOKING_UP, "orthographic_looking_up"),
+    (LINES_OF_SIGHT, "lines_of_sight"),
+];
+
+/// Variables of the lines of sight of pixels: where they are, and where to.
+const PIXEL_LINES: [(&str, &str, &str); 2] = [
+    ("pixel_position", "km", "a point of the line of sight of each pixel; missing for cameras"),
+    ("pixel_direction", "1", "vector of each pixel from there to the instrument, of any length"),
 ];
 
 /// Largest angle (degrees) between directions of a camera that are stated twice:
@@ -72,8 +81,8 @@ pub(super) fn write_cameras(output: &Output, views: &[View]) -> Result<()> {
         &cameras.projection,
         &[
             ("long_name", Text("camera projection")),
-            ("flag_values", Flags(&[PERSPECTIVE, ORTHOGRAPHIC, LOOKING_UP])),
-            ("flag_meanings", Text("perspective orthographic orthographic_looking_up")),
+            ("flag_values", Flags(&PROJECTIONS.map(|(kind, _)| kind))),
+            ("flag_meanings", Text(&PROJECTIONS.map(|(_, name)| name).join(" "))),
         ],
     )?;
     let position = km("camera position; missing for an orthographic camera");
@@ -90,7 +99,67 @@ pub(super) fn write_cameras(output: &Output, views: &[View]) -> Result<()> {
         let position = one("position of the target on the axis of the pixels");
         output.variable(name, &["view"], values, &position)?;
     }
+    write_pixel_lines(output, views)
+}
+
+fn write_pixel_lines(output: &Output, views: &[View]) -> Result<()> {
+    let lines: Vec<_> = views.iter().map(View::pixel_lines).collect();
+    if lines.iter().all(Option::is_none) {
+        return Ok(());
+    }
+    let (rows, cols) = (views[0].rows, views[0].cols);
+    for (number, (name, units, long_name)) in PIXEL_LINES.into_iter().enumerate() {
+        let values =
+            Array4::from_shape_fn((views.len(), rows, cols, 3), |(view, row, col, axis)| {
+                lines[view].as_ref().map_or(f64::NAN, |lines| lines[number][[row, col]][axis])
+            });
+        let attributes = [("units", Text(units)), ("long_name", Text(long_name))];
+        output.variable(name, &["view", "row", "col", "component"], &values, &attributes)?;
+    }
     Ok(())
+}
+
+/// The lines of sight of the pixels of each view, with rows to the north and columns to the east; `None`
+/// for views for which the file has none.
+fn read_pixel_lines(
+    input: &Input,
+    window: &Window,
+    axes: [&str; 2],
+    [count, rows, cols]: [usize; 3],
+) -> Result<Vec<Option<Arc<LinesOfSight>>>> {
+    if PIXEL_LINES.iter().all(|(name, ..)| !input.has(name)) {
+        return Ok(vec![None; count]);
+    }
+    let [points, directions] = PIXEL_LINES.map(|(name, unit, _)| -> Result<Vec<Array2<DVec3>>> {
+        let variable = input.variable(name)?;
+        let mut names = (0..variable.shape.len()).filter_map(|axis| variable.dimension(axis));
+        let known = ["view", axes[0], axes[1]];
+        let component = names.find(|name| !known.contains(name)).unwrap_or("component").to_owned();
+        let variable = input.variable_on(name, &["view", axes[0], axes[1], &component])?;
+        if variable.shape != [count, rows, cols, 3] {
+            let problem = format!("has shape {:?}", variable.shape);
+            return Err(variable.error(problem, "write x, y, z for each pixel of the images"));
+        }
+        let values: ArrayD<f64> = variable.reals_of_layout(unit)?;
+        let values = values.into_raw_vec_and_offset().0;
+        let vectors = values.chunks_exact(3).map(DVec3::from_slice).collect();
+        let vectors = Array3::from_shape_vec((count, rows, cols), vectors);
+        let vectors = window.oriented(vectors.expect("three components for each pixel"));
+        Ok(vectors.outer_iter().map(|view| view.to_owned()).collect())
+    });
+    let lines = points?.into_iter().zip(directions?).enumerate();
+    lines
+        .map(|(number, (points, directions))| {
+            if points.iter().chain(&directions).all(|vector| vector.is_nan()) {
+                return Ok(None);
+            }
+            let lines = LinesOfSight::new(&points, &directions).map_err(|problem| {
+                let field = format!("pixel_position, pixel_direction of view {number}");
+                input.error(&field, problem.to_string(), "correct them")
+            })?;
+            Ok(Some(Arc::new(lines)))
+        })
+        .collect()
 }
 
 impl Cameras {
@@ -104,13 +173,14 @@ impl Cameras {
                 Projection::Perspective { position, pixel_tangent } => {
                     (row(position), pixel_tangent)
                 }
-                Projection::Orthographic { .. } => (row(nowhere), f64::NAN),
+                _ => (row(nowhere), f64::NAN),
             })
             .unzip();
         let projection = |view: &View| match view.projection {
             Projection::Perspective { .. } => PERSPECTIVE,
             Projection::Orthographic { .. } if view.looks_up() => LOOKING_UP,
             Projection::Orthographic { .. } => ORTHOGRAPHIC,
+            Projection::LinesOfSight { .. } => LINES_OF_SIGHT,
         };
         Self {
             projection: views.iter().map(projection).collect(),
@@ -134,9 +204,11 @@ impl Cameras {
 pub(super) fn read_views(
     input: &Input,
     window: &Window,
+    axes: [&str; 2],
     [count, rows, cols]: [usize; 3],
     derived: &mut Vec<String>,
 ) -> Result<Vec<View>> {
+    let lines = read_pixel_lines(input, window, axes, [count, rows, cols])?;
     let numbers = |name, unit| numbers(input, name, unit, count);
     let vectors = |name, unit| vectors(input, name, unit, count);
     let kinds = projections(input, count)?;
@@ -151,6 +223,7 @@ pub(super) fn read_views(
             let camera = Camera {
                 input,
                 index,
+                lines: lines[index].clone(),
                 kind: kinds[index],
                 position: position[index],
                 direction: direction[index],
@@ -255,6 +328,7 @@ fn projections(input: &Input, count: usize) -> Result<Vec<Option<i8>>> {
 struct Camera<'a> {
     input: &'a Input,
     index: usize,
+    lines: Option<Arc<LinesOfSight>>,
     kind: Option<i8>,
     position: DVec3,
     direction: DVec3,
@@ -276,6 +350,19 @@ impl Camera<'_> {
                 derived.push(text.to_owned());
             }
         };
+        if let Some(lines) = self.lines.clone() {
+            let view = View::lines_of_sight(lines).and_then(|view| {
+                if self.target.is_finite() {
+                    return view.aimed_at(self.target);
+                }
+                note("target: the pixel_position in the middle of the image");
+                Ok(view)
+            });
+            return view.map_err(|problem| {
+                let field = format!("lines of sight of view {}", self.index);
+                self.input.error(&field, problem.to_string(), "correct them, or the target")
+            });
+        }
         if !self.target.is_finite() {
             return Err(self
                 .missing("target", "write the point x, y, z that is in the middle of the image"));
@@ -354,8 +441,8 @@ impl Camera<'_> {
         let angles = towards(zenith.to_radians(), azimuth.to_radians());
         let own = match view.projection {
             Projection::Perspective { .. } => "camera_position",
-            Projection::Orthographic { .. } if self.direction.is_finite() => "camera_direction",
-            Projection::Orthographic { .. } => "view_zenith_deg, view_azimuth_deg",
+            _ if self.direction.is_finite() => "camera_direction",
+            _ => "view_zenith_deg, view_azimuth_deg",
         };
         let stated = [
             ("view_zenith_deg, view_azimuth_deg", angles),

@@ -125,7 +125,7 @@ impl ImagesFile {
         };
         let window = Window::read(&input, axes, [count, rows, cols])?;
         let mut derived = window.notes(axes);
-        let views = read_views(&input, &window, [count, rows, cols], &mut derived)?;
+        let views = read_views(&input, &window, axes, [count, rows, cols], &mut derived)?;
         let (light, assumed) = get_light(&input)?;
         drop(radiance);
         Ok(Self { input, pixels, window, views, light, assumed, derived, relative })

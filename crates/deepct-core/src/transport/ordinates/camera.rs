@@ -11,7 +11,7 @@ use super::optics::Changes;
 use super::quadrature::first_harmonics;
 use super::surroundings::{BySurface, OnSurface, Outside, Surroundings};
 use crate::math::{DVec3, GAUSS_TWO, Ray};
-use crate::scene::{Projection, View};
+use crate::scene::View;
 
 /// Largest optical depth of a step along a ray, for the extinction that the model is prepared for.
 const STEP: f64 = 1.0;
@@ -39,12 +39,8 @@ pub(super) struct Tile {
 
 /// Divide an image into tiles.
 pub(super) fn tiles(number: usize, view: &View) -> Vec<Tile> {
-    let side = match view.projection {
-        Projection::Orthographic { .. } => TILE,
-        Projection::Perspective { pixel_tangent, .. } => {
-            ((NARROW / pixel_tangent) as usize).clamp(1, TILE)
-        }
-    };
+    // The cast of the infinite number of parallel lines of sight saturates.
+    let side = ((NARROW / view.pixel_angle()) as usize).clamp(1, TILE);
     let cut = |count: usize| -> Vec<[usize; 2]> {
         (0..count).step_by(side).map(|first| [first, (first + side).min(count)]).collect()
     };
@@ -420,8 +416,11 @@ impl Camera<'_> {
 }
 
 /// Rays through a pixel, spread evenly over its area.
-fn pixel_rays(view: &View, [row, col]: [usize; 2], count: usize) -> impl Iterator<Item = Ray> {
-    let view = *view;
+fn pixel_rays(
+    view: &View,
+    [row, col]: [usize; 2],
+    count: usize,
+) -> impl Iterator<Item = Ray> + use<'_> {
     let position = FIBONACCI.iter().position(|other| *other == count).unwrap_or(0);
     let generator = if position == 0 { 2 } else { FIBONACCI[position - 1] };
     (0..count).map(move |number| {

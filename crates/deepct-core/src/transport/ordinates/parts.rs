@@ -213,8 +213,13 @@ fn a_uniform_source_is_seen_through_its_own_depth() {
     for (zenith, tolerance) in [(0.0, 2e-4), (0.6, 2e-3)] {
         let target = grid().center();
         let view = View::orthographic(towards(zenith, 0.4), target, 0.02, [1, 1]).unwrap();
-        let mut model =
-            OrdinatesModel::new(&scene, &[view], None, &OrdinatesSettings::default()).unwrap();
+        let mut model = OrdinatesModel::new(
+            &scene,
+            std::slice::from_ref(&view),
+            None,
+            &OrdinatesSettings::default(),
+        )
+        .unwrap();
         model.images(&extinction).unwrap();
         let mut state = model.state.take().unwrap();
         state.sun_depths.iter_mut().for_each(|depths| *depths = [100.0; 8]);
