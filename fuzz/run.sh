@@ -12,7 +12,7 @@ export ASAN_OPTIONS=detect_leaks=0
 
 seconds="${1:?"run.sh SECONDS [TARGET...]"}"
 shift
-[ "$#" -gt 0 ] || set -- weights weights_header checkpoint settings plans text_cloud classic fields \
+[ "$#" -gt 0 ] || set -- arrays weights weights_header checkpoint settings plans text_cloud classic fields \
     simulation round_trip
 
 seeds() {
