@@ -174,13 +174,13 @@ fn a_hybrid_of_a_field_is_computed_in_tiles() {
     assert!(whole < 0.9 * network, "{whole} {network}");
     let seam = error("V.nc", 88..104);
     assert!(seam < 1.1 * whole, "{seam} {whole}");
-    // A field of fewer columns is computed as one. Far from its end, the result is the same.
+    // A field of fewer columns is computed as one. Far from its end, the result is as good.
     program.succeed("cloud import C.nc --crop 0,0,140,16 --spacing file --out cut.nc");
     program.succeed(&hybrid.replace("--grid C.nc", "--grid cut.nc").replace("V.nc", "one.nc"));
-    let one = read("one.nc").part(0..16, 0..112).unwrap();
-    let tiled = read("V.nc").part(0..16, 0..112).unwrap();
-    let difference = relative_error(&one, &tiled).unwrap();
-    assert!(difference < 0.05, "{difference}");
+    for cols in [0..32, 32..88, 88..104] {
+        let (tiled, one) = (error("V.nc", cols.clone()), error("one.nc", cols.clone()));
+        assert!(tiled < 1.05 * one, "{cols:?}: {tiled} {one}");
+    }
 
     let bytes = std::fs::read(program.path("V.nc")).unwrap();
     std::fs::create_dir(program.path("V.nc.tiles")).unwrap();
