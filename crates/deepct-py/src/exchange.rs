@@ -7,6 +7,7 @@ use deepct_core::Result;
 use deepct_core::io::{self, Provenance};
 use pyo3::exceptions::PyOSError;
 use pyo3::prelude::*;
+use pyo3::sync::PyOnceLock;
 use pyo3::types::{PyDict, PyEllipsis, PyString, PyTuple};
 use std::path::Path;
 
@@ -33,6 +34,9 @@ pub(crate) fn dataset<'py>(
     xarray.call_method1("load_dataset", (path,))?.call_method0("drop_encoding")
 }
 
+/// The lock of Python that a thread holds while it writes by netCDF4-python.
+static WRITING: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
+
 /// The dimensions of all files, in the order that their variables have.
 const ORDER: [&str; 8] = ["time", "view", "z", "row", "y", "col", "x", "component"];
 
@@ -52,7 +56,19 @@ pub(crate) fn through_file<T>(
     let dataset = dataset.call_method("transpose", PyTuple::new(py, order)?, Some(&options))?;
     let options = PyDict::new(py);
     options.set_item("format", "NETCDF4")?;
-    dataset.call_method("to_netcdf", (&path,), Some(&options))?;
+    // Threads, such as those of dask, must not write by netCDF4-python at the same time: it ends the process.
+    if py.import("h5netcdf").is_ok() {
+        options.set_item("engine", "h5netcdf")?;
+        dataset.call_method("to_netcdf", (&path,), Some(&options))?;
+    } else {
+        let lock = WRITING.get_or_try_init(py, || -> PyResult<Py<PyAny>> {
+            Ok(py.import("threading")?.call_method0("Lock")?.unbind())
+        })?;
+        lock.call_method0(py, "acquire")?;
+        let written = dataset.call_method("to_netcdf", (&path,), Some(&options));
+        lock.call_method0(py, "release")?;
+        written?;
+    }
     read(&path).map_err(|problem| without_path(py, problem, &path))
 }
 

@@ -242,7 +242,7 @@ fn images_are_like_those_of_a_network() {
     program.refuse(general, &["general", "--views"]);
     program.succeed(&format!("{general} --views cloudct-10"));
     assert!(read_observation(program.path("I.nc")).unwrap().light.air);
-    program.refuse("render C.nc --like C.nc --out I.nc", &["C.nc", "not safetensors"]);
+    program.refuse("render C.nc --like C.nc --out I.nc", &["C.nc", "netCDF", "not safetensors"]);
     program.refuse(&format!("{general} --views cloudct-10 --target-altitude nan"), &["altitude"]);
 }
 

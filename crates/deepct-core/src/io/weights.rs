@@ -171,11 +171,32 @@ pub fn parse_weights(bytes: &[u8], path: &Path) -> Result<Weights> {
     of_one_formation(parse_trained_weights(bytes, path)?, path)
 }
 
+/// What a file is that is often given in place of weights, and what to do with it. Safetensors begin with
+/// the length of the header, whose last bytes are 0, and the header with a brace.
+fn other_kind(bytes: &[u8]) -> Option<(&'static str, &'static str)> {
+    const EXPORT: &str = "write weights with `python -m weights_tools export`";
+    match bytes {
+        [_, _, _, _, _, 0, 0, 0, b'{', ..] => None,
+        [b'P', b'K', 3, 4, ..] | [0x80, 2..=5, ..] => Some(("a checkpoint of PyTorch", EXPORT)),
+        [0x08, 1..=32, 0x12, ..] => {
+            Some(("a network in ONNX", "give the weights that it was made from"))
+        }
+        [0x89, b'H', b'D', b'F', ..] | [b'C', b'D', b'F', ..] => Some((
+            "a netCDF or HDF5 file",
+            "give weights with --weights, and images as the argument",
+        )),
+        _ => None,
+    }
+}
+
 /// Parse weights of either kind from the bytes of a file; `path` is used in error messages.
 ///
 /// # Errors
 /// As [`read_trained_weights`].
 pub fn parse_trained_weights(bytes: &[u8], path: &Path) -> Result<TrainedWeights> {
+    if let Some((what, remedy)) = other_kind(bytes) {
+        return Err(Error::file(path, "file", format!("is {what}, not safetensors"), remedy));
+    }
     let damaged = |problem: safetensors::SafeTensorError| {
         let remedy = "the file is damaged or not safetensors: export it again";
         Error::file(path, "header", problem.to_string(), remedy)
@@ -494,6 +515,15 @@ mod tests {
         for cut in [0, 7, 8, 50, whole.len() - 1] {
             let error = parse_weights(&whole[..cut], Path::new("w")).unwrap_err().to_string();
             assert!(error.contains("damaged"), "{error}");
+        }
+        for (start, what) in [
+            (&b"PK\x03\x04"[..], "PyTorch"),
+            (b"\x80\x02}q\x00", "PyTorch"),
+            (b"\x08\x08\x12\x07pytorch", "ONNX"),
+            (b"\x89HDF\r\n\x1a\n", "netCDF"),
+        ] {
+            let error = parse_weights(start, Path::new("w")).unwrap_err().to_string();
+            assert!(error.contains(what), "{error}");
         }
         // A header that declares more bytes than fit in any memory.
         let huge = [u64::MAX.to_le_bytes().as_slice(), &whole[8..]].concat();
