@@ -6,6 +6,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from typing_extensions import disjoint_base
 
+from ._fields import infer as infer
+
 _Path = Union[str, PathLike[str]]
 _Point = tuple[float, float, float]
 _Floats = NDArray[np.float32]
@@ -42,6 +44,7 @@ __all__ = [
     "generate_cloud",
     "hybrid",
     "import_cloud",
+    "infer",
     "invert",
     "plot",
     "read_cloud",
@@ -517,15 +520,6 @@ class Estimate:
     def _repr_html_(self) -> str: ...
 
 def read_volume(path: _Path) -> Estimate: ...
-
-def infer(
-    images: Any,
-    network: Union[Network, _Path] = "general",
-    *,
-    grid: Optional[Grid] = None,
-    carve: bool = False,
-    side: int = 512,
-) -> Any: ...
 
 @final
 class Network:

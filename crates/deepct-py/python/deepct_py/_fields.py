@@ -36,10 +36,12 @@ def infer(images, network="general", *, grid=None, carve=False, side=512):
     ValueError, DeepctError
         As ``Network.estimate``; those of a tile are raised when it is computed.
 
-    Examples
-    --------
-    >>> images = xarray.open_dataset("images.nc", chunks={"row": 512, "col": 512})  # doctest: +SKIP
-    >>> deepct_py.infer(images).to_zarr("volume.zarr")  # doctest: +SKIP
+    Notes
+    -----
+    A field is computed and written by ::
+
+        images = xarray.open_dataset("images.nc", chunks={})
+        deepct_py.infer(images).to_zarr("volume.zarr")
     """
     import dask
     import dask.array
