@@ -177,7 +177,9 @@ fn other_kind(bytes: &[u8]) -> Option<(&'static str, &'static str)> {
     const EXPORT: &str = "write weights with `python -m weights_tools export`";
     match bytes {
         [_, _, _, _, _, 0, 0, 0, b'{', ..] => None,
-        [b'P', b'K', 3, 4, ..] | [0x80, 2..=5, ..] => Some(("a checkpoint of PyTorch", EXPORT)),
+        [b'P', b'K', 3, 4, ..] | [0x80, 2, 0x8a, 0x0a, ..] => {
+            Some(("a checkpoint of PyTorch", EXPORT))
+        }
         [0x08, 1..=32, 0x12, ..] => {
             Some(("a network in ONNX", "give the weights that it was made from"))
         }
@@ -518,7 +520,7 @@ mod tests {
         }
         for (start, what) in [
             (&b"PK\x03\x04"[..], "PyTorch"),
-            (b"\x80\x02}q\x00", "PyTorch"),
+            (b"\x80\x02\x8a\x0al\xfc", "PyTorch"),
             (b"\x08\x08\x12\x07pytorch", "ONNX"),
             (b"\x89HDF\r\n\x1a\n", "netCDF"),
         ] {
