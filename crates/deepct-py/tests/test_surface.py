@@ -102,8 +102,9 @@ def test_other_threads_go_on_while_a_stage_works(grid, extinction, views):
 
 def test_the_stub_names_what_the_module_has():
     stub = pathlib.Path(deepct_py.__file__).with_name("__init__.pyi")
-    tree = ast.parse(stub.read_text())
-    declared = {node.name: node for node in tree.body if hasattr(node, "name")}
+    stubs = [stub, stub.with_name("_fields.pyi")]
+    nodes = [node for path in stubs for node in ast.parse(path.read_text()).body]
+    declared = {node.name: node for node in nodes if hasattr(node, "name")}
     assert set(declared) == set(deepct_py.__all__)
     assert stub.with_name("py.typed").exists()
     for name, node in declared.items():
