@@ -99,7 +99,7 @@ def generate(
     Raises :class:`InputError` with the message of the program if a share fails repeatedly.
     """
     # This detects errors in the recipe before the cluster starts.
-    report(_run(order.command("plan", "--quiet")).strip())
+    report(_run(order.command("plan")).strip())
     shares = shares or SHARES_PER_THREAD * max(1, sum(client.nthreads().values()))
     commands = [
         order.command("generate", "--quiet", "--threads", "1", "--share", f"{number}/{shares}")
@@ -125,7 +125,7 @@ def generate(
     finally:
         client.cancel(tasks)
     made, hours = _samples(order.out) - before, (time.monotonic() - start) / 3600.0
-    report(_run(order.command("generate", "--quiet")).splitlines()[0])
+    report(_run(order.command("generate")).splitlines()[0])
     if made:
         report(f"{made} made by the cluster, {made / hours:.0f} per hour")
 
