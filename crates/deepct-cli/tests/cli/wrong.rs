@@ -316,7 +316,7 @@ const WRONG: &[(&str, &str)] = &[
     ("weights inspect nosuch", "nosuch: weights: there is no such file; give a file or one of"),
     ("weights inspect w.safetensors", "w.safetensors: header: header too large; the file is damaged"),
     ("weights inspect folder", "folder: file: is a folder; give a regular file"),
-    ("weights inspect cloud.nc", "cloud.nc: header: header too large; the file is damaged or not"),
+    ("weights inspect cloud.nc", "cloud.nc: file: is a netCDF or HDF5 file, not safetensors; give weights"),
     ("weights inspect /dev/zero", "/dev/zero: file: is a device or a pipe; give a regular file"),
     ("config nosuch", "invalid value 'nosuch' for '<VERB>'"),
     ("validate --suite rico", "--reference is not given, but must be a folder with"),
