@@ -202,7 +202,7 @@ const WRONG: &[(&str, &str)] = &[
     ("infer n.nc --weights nosuch --out o.nc", "nosuch: weights: there is no such file; give a file or one of"),
     ("infer n.nc --weights w.safetensors --out o.nc", "w.safetensors: header: header too large; the file is damaged"),
     ("infer n.nc --weights folder --out o.nc", "folder: file: is a folder; give a regular file"),
-    ("infer n.nc --weights cloud.nc --out o.nc", "cloud.nc: header: header too large; the file is damaged or not"),
+    ("infer n.nc --weights cloud.nc --out o.nc", "cloud.nc: file: is a netCDF or HDF5 file, not safetensors; give weights"),
     ("infer n.nc --weights /dev/zero --out o.nc", "/dev/zero: file: is a device or a pipe; give a regular file"),
     ("infer n.nc --weights pearls-32 --out o.nc", "n.nc: number of views: expected 32, found 10; these weights"),
     ("infer n.nc --grid g_neg.toml --out o.nc", "g_neg.toml: grid spacing: is [-0.05, 0.05, 0.04]; it must be"),
