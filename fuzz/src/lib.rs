@@ -59,7 +59,7 @@ pub fn check_cloud(cloud: &Cloud) {
 
 /// The provenance of files of the targets.
 pub fn provenance() -> Provenance {
-    Provenance { title: "fuzzing".into(), configuration: String::new(), seed: 0 }
+    Provenance { title: "fuzzing".into(), ..Provenance::default() }
 }
 
 /// Numbers that are used one after another, and then again from the first.
