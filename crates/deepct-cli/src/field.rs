@@ -12,7 +12,7 @@ use deepct_core::io::{
 };
 use deepct_core::network::Estimate;
 use deepct_core::scene::{Observation, Tile};
-use deepct_core::{Error, Result};
+use deepct_core::{Error, Result, files};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
@@ -107,13 +107,18 @@ impl Field<'_> {
 
     /// Join the tiles in one file.
     fn join(&mut self) -> Result<Total> {
-        let has_uncertainty = read_estimate(self.path(0))?.uncertainty.is_some();
+        // A tile that no image shows has no uncertainty.
+        let shown = self.tiles.iter().position(|tile| tile.pixels.is_some()).unwrap_or(0);
+        let has_uncertainty = read_estimate(self.path(shown))?.uncertainty.is_some();
         let mut total = Total { has_uncertainty, ..Total::default() };
         let corner = self.file.part(0..1, 0..1)?;
         let Self { out, grid, provenance, .. } = self;
         let joined = EstimateFile::create(out, grid, has_uncertainty, Some(&corner), provenance)?;
         for (number, tile) in self.tiles.iter().enumerate() {
-            let estimate = read_estimate(self.path(number))?;
+            let mut estimate = read_estimate(self.path(number))?;
+            if has_uncertainty && estimate.uncertainty.is_none() {
+                estimate.uncertainty = Some(Volume::constant(estimate.extinction.grid, 0.0));
+            }
             joined.write([tile.rows.start, tile.cols.start], &estimate)?;
             total.add(number, &estimate);
         }
@@ -151,6 +156,20 @@ impl Total {
             self.thickest = Some((number, extinction));
         }
     }
+}
+
+/// What identifies the tiles of a field besides the settings: the contents of the files from which they
+/// are computed, and the grid. Of `files`, names of what is built in are left out.
+///
+/// # Errors
+/// A file that cannot be read.
+pub(crate) fn identity<'a>(
+    files: impl IntoIterator<Item = &'a Path>,
+    grid: &Grid,
+) -> Result<Vec<String>> {
+    let contents = files.into_iter().filter(|file| file.is_file()).map(files::sha256);
+    let grid = std::iter::once(Ok(format!("{grid:?}")));
+    contents.chain(grid).collect()
 }
 
 /// The mask in a file, which must be on the grid of the estimate.

@@ -1,7 +1,7 @@
 //! `deepct hybrid`: inversion that starts from the estimate of the network.
 
 use crate::config::Values;
-use crate::field::{Field, given_mask, part_of};
+use crate::field::{Field, given_mask, identity, part_of};
 use crate::files::lineage;
 use crate::global::Global;
 use crate::inversion::{Flags, InvertSettings, Job};
@@ -14,7 +14,7 @@ use deepct_core::grid::{Grid, Volume};
 use deepct_core::io::{ImagesFile, Provenance, read_observation};
 use deepct_core::network::{Estimate, Estimator};
 use deepct_core::scene::{Observation, Tile};
-use deepct_core::{Error, Result, conv, files};
+use deepct_core::{Error, Result, conv};
 use std::path::{Path, PathBuf};
 
 /// Reconstruct the extinction of a cloud by an inversion that starts from the network estimate
@@ -95,13 +95,16 @@ impl<'a> Run<'a> {
         let light = corner.light.clone();
         let mask = args.flags.mask().map(|path| given_mask(path, &grid)).transpose()?;
         let tiles = Tile::all(file.views(), &grid, TILE, HALO)?;
-        let configuration = self.provenance(corner, &grid)?;
+        let configuration = self.configuration(corner, &grid)?;
         let provenance = Provenance {
             title: "Extinction by inversion".into(),
             configuration,
             seed: global.seed,
             lineage: lineage("hybrid", images),
         };
+        if args.flags.truth.is_some() {
+            note!("deepct: a field in tiles is not compared with --truth: use `deepct score`");
+        }
         let out = args.flags.out();
         let mut field = Field { file, images, grid, tiles, out, provenance };
         let quiet = global.silent();
@@ -125,13 +128,15 @@ impl<'a> Run<'a> {
         Ok(Outcome::Success)
     }
 
-    /// The parameters of a run, with the checksum of the images, which identify the tiles.
-    fn provenance(&self, corner: Observation, grid: &Grid) -> Result<String> {
+    /// The parameters of a run and its inputs, which identify the tiles.
+    fn configuration(&self, corner: Observation, grid: &Grid) -> Result<String> {
+        let Args { images, network, flags, .. } = self.args;
+        let inputs = [Some(images.as_path()), Some(&network.weights), flags.mask()];
+        let inputs = identity(inputs.into_iter().flatten(), grid)?;
         let grid = grid.part(0..1, 0..1)?;
         let start = Estimate { extinction: Volume::constant(grid, 0.0), uncertainty: None };
         let job = self.job(corner, start);
-        let checksum = files::sha256(&self.args.images)?;
-        Ok(format!("images_sha256 = \"{checksum}\"\n{}", job.resolved(&self.settings)))
+        Ok(format!("inputs = {inputs:?}\n{}", job.resolved(&self.settings)))
     }
 
     /// The estimate of the network, from which the inversion starts.

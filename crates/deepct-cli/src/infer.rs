@@ -2,19 +2,19 @@
 
 use crate::config;
 use crate::defaults;
-use crate::field::{Field, given_mask, part_of};
+use crate::field::{Field, given_mask, identity, part_of};
 use crate::files::{Files, lineage};
 use crate::global::Global;
 use crate::network::{NetworkFlags, network_grid};
 use crate::outcome::Outcome;
 use crate::summary;
 use deepct_core::carve::{CarveSettings, carve};
+use deepct_core::conv;
 use deepct_core::grid::{Grid, Mask, Volume};
 use deepct_core::io::{ImagesFile, Provenance, read_observation, write_estimate};
 use deepct_core::network::{Estimate, Estimator};
 use deepct_core::scene::{Observation, Tile};
 use deepct_core::{Error, Result};
-use deepct_core::{conv, files};
 use std::path::{Path, PathBuf};
 
 /// Reconstruct the extinction of a cloud with the network
@@ -107,7 +107,10 @@ impl Run<'_> {
         let grid = grid.map_err(Error::in_file(images))?;
         let tiles = Tile::all(file.views(), &grid, TILE, self.network.halo(&grid))?;
         if tiles.len() > 1 {
-            let provenance = self.provenance(images, Some(&files::sha256(images)?));
+            let Args { network, mask, .. } = self.args;
+            let inputs = [Some(images), Some(&network.weights), mask.as_deref()];
+            let inputs = identity(inputs.into_iter().flatten(), &grid)?;
+            let provenance = self.provenance(images, &inputs);
             return self.field(Field { file, images, grid, tiles, out, provenance });
         }
         let Self { args, network, .. } = self;
@@ -126,7 +129,7 @@ impl Run<'_> {
         if let Some(mask) = mask {
             apply(&mask, &mut estimated)?;
         }
-        write_estimate(out, &estimated, Some(&observation), &self.provenance(images, None))?;
+        write_estimate(out, &estimated, Some(&observation), &self.provenance(images, &[]))?;
         Ok(Summary {
             images: images.into(),
             out: out.into(),
@@ -181,13 +184,13 @@ impl Run<'_> {
         Ok(Some(carved.mask))
     }
 
-    /// The provenance of the output, with the checksum of the images if the run can be resumed.
-    fn provenance(&self, images: &Path, checksum: Option<&str>) -> Provenance {
+    /// The provenance of the output, with what identifies the inputs if the run can be resumed.
+    fn provenance(&self, images: &Path, inputs: &[String]) -> Provenance {
         let Self { args, network, settings, .. } = self;
         let weights = network.weights();
         let resolved = Resolved {
             images,
-            images_sha256: checksum,
+            inputs,
             weights: &args.network.weights,
             formation: weights.formation(),
             trained_on: &weights.training().identity,
@@ -287,8 +290,8 @@ fn apply(mask: &Mask, estimate: &mut Estimate) -> Result<()> {
 #[derive(Debug, serde::Serialize)]
 struct Resolved<'a> {
     images: &'a Path,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    images_sha256: Option<&'a str>,
+    #[serde(skip_serializing_if = "<[_]>::is_empty")]
+    inputs: &'a [String],
     weights: &'a Path,
     formation: Option<&'a str>,
     trained_on: &'a str,

@@ -36,7 +36,7 @@ pub(crate) struct Flags {
     iterations: Option<usize>,
     /// File of the true cloud; the errors with respect to it are reported after each step
     #[arg(long, value_name = "C.nc")]
-    truth: Option<PathBuf>,
+    pub(crate) truth: Option<PathBuf>,
     /// Continue an interrupted run from its checkpoint
     #[arg(long)]
     resume: bool,

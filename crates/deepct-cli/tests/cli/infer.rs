@@ -1,5 +1,5 @@
 use crate::program::Program;
-use deepct_core::grid::{Grid, Mask};
+use deepct_core::grid::{Grid, Mask, Volume};
 use deepct_core::image::ViewStack;
 use deepct_core::io::{
     Provenance, load_trained_weights, read_estimate, read_mask, read_volume, write_mask,
@@ -362,6 +362,22 @@ fn long_images_are_estimated_in_tiles() {
     for (one, other) in tiled.extinction.values.iter().zip(&whole.extinction.values) {
         assert!((one - other).abs() < 1e-4 * largest, "{one} {other}");
     }
+    // The first tile of a larger grid is not in the images: there is no cloud, and no error is expected.
+    let [bottom, height] = [whole.extinction.grid.origin.z, whole.extinction.grid.spacing.z];
+    let grid = format!(
+        "origin_km = [-80.0, 0.0, {bottom}]\nspacing_km = [0.05, 0.05, {height}]\nshape = [32, 24, 2400]\n"
+    );
+    std::fs::write(program.path("G.toml"), grid).unwrap();
+    program.succeed("infer I.nc --grid G.toml --out V.nc");
+    let larger = read_estimate(program.path("V.nc")).unwrap();
+    let part = |volume: &Volume, cols| volume.part(0..24, cols).unwrap().values;
+    for volume in [&larger.extinction, larger.uncertainty.as_ref().unwrap()] {
+        assert!(part(volume, 0..768).iter().all(|value| *value == 0.0));
+        assert!(part(volume, 1600..2400).iter().any(|value| *value > 1.0));
+    }
+    std::fs::remove_file(program.path("G.toml")).unwrap();
+    program.succeed("infer I.nc --out V.nc");
+
     // A tile of this run, and one of another run that must not be used.
     let bytes = std::fs::read(program.path("V.nc")).unwrap();
     program.succeed("infer I.nc --carve --out W.nc");

@@ -12,8 +12,8 @@ _Path = Union[str, PathLike[str]]
 _Point = tuple[float, float, float]
 _Floats = NDArray[np.float32]
 _Marks = NDArray[np.bool_]
-# Numbers of a tuple, a list or an array.
 _Ends = tuple[int, int]
+# Numbers of a tuple, a list or an array.
 _Numbers = Union[Sequence[float], NDArray[Any]]
 _Progress = Union[bool, Callable[[dict[str, Any]], object]]
 _Extinction = Union[ArrayLike, "Cloud", "Estimate", "Reconstruction"]
