@@ -11,7 +11,7 @@ use deepct_core::cloud::{
 use deepct_core::io::import::{
     AirDensity, Axes, Crop, ImportReport, ImportSettings, count_times, import_cloud,
 };
-use deepct_core::io::{Lineage, Provenance, write_cloud};
+use deepct_core::io::{Content, Lineage, Provenance, read_content, write_cloud};
 use deepct_core::math::DVec3;
 use deepct_core::optics::extinction;
 use deepct_core::{Error, Result};
@@ -81,10 +81,8 @@ struct ImportArgs {
     /// pressure and temperature, or that of the standard atmosphere
     #[arg(long, value_name = "KG_PER_M3|FILE:VARIABLE", value_parser = str::parse::<AirDensity>)]
     air_density: Option<AirDensity>,
-    /// Name of the variable with the liquid water or the extinction, if it is not identified
-    /// automatically; one in a group, a structure or a dictionary as "clouds/beta"
-    #[arg(long, value_name = "NAME")]
-    variable: Option<String>,
+    #[command(flatten)]
+    selection: Selection,
     /// Voxel size along x, y, z (km), or "file" to keep that of the file
     #[arg(long, value_name = "DX,DY,DZ", default_value = "0.05,0.05,0.04", value_parser = spacing)]
     spacing: Spacing,
@@ -97,12 +95,8 @@ struct ImportArgs {
     /// The axes of the variables of a file that does not name them, such as one of NumPy or MATLAB, the
     /// slowest one first, which is the reverse of the order of MATLAB; their cells have the size
     /// --spacing
-    #[arg(long, value_name = "z,y,x", value_parser = str::parse::<Axes>)]
+    #[arg(long, value_name = "z,y,x", value_parser = str::parse::<Axes>, requires = "spacing")]
     axes: Option<Axes>,
-    /// Units of the values of a variable, in place of those in the file, such as "ql=kg kg-1"; may
-    /// be given several times
-    #[arg(long, value_name = "NAME=UNITS", value_parser = units)]
-    units: Vec<(String, String)>,
     /// Accept values far beyond those of clouds with a warning: liquid water above 20 g/m3,
     /// extinctions above 10000 1/km, effective radii outside 1 to 60 um, and densities of air
     /// outside 0.1 to 2 kg/m3
@@ -123,6 +117,19 @@ struct ImportArgs {
     /// File to write; with --isolate, the folder to write to
     #[arg(long, value_name = "C.nc|DIR")]
     out: PathBuf,
+}
+
+/// What is read from a file of another program, where it is not identified by itself.
+#[derive(Debug, Default, PartialEq, clap::Args)]
+pub(crate) struct Selection {
+    /// Name of the variable with the liquid water or the extinction, if it is not identified
+    /// automatically; one in a group, a structure or a dictionary as "clouds/beta"
+    #[arg(long, value_name = "NAME")]
+    variable: Option<String>,
+    /// Units of the values of a variable, in place of those in the file, such as "ql=kg kg-1"; may
+    /// be given several times
+    #[arg(long, value_name = "NAME=UNITS", value_parser = units)]
+    units: Vec<(String, String)>,
 }
 
 /// A time step, or several up to the one before the end; up to the last one if `end` is `None`.
@@ -217,12 +224,12 @@ impl ImportArgs {
             crop: self.crop,
             droplets_per_cm3: self.droplets,
             air_density: self.air_density.clone(),
-            variable: self.variable.clone(),
+            variable: self.selection.variable.clone(),
             spacing: self.spacing.0,
             base: self.base,
             levels: self.levels,
             axes: self.axes,
-            units: self.units.iter().cloned().collect(),
+            units: self.selection.units.iter().cloned().collect(),
             allow_implausible: self.allow_implausible,
         }
     }
@@ -240,14 +247,27 @@ fn say_import(report: ImportReport, global: &Global) {
     }
 }
 
-/// Import a cloud of another program on the voxels of its file.
-/// Returns the cloud, its time and the history of the file.
-pub(crate) fn import_as_it_is(path: &Path, global: &Global) -> Result<(Cloud, Lineage)> {
-    let settings = ImportSettings { spacing: None, ..ImportSettings::default() };
-    let (cloud, report) = import_cloud(path, &settings)?;
-    let lineage = report.lineage.clone();
-    say_import(report, global);
-    Ok((cloud, lineage))
+impl Selection {
+    /// The contents of a file of deepct; `None` for a file of another program, and for one from which
+    /// something is selected.
+    pub(crate) fn own_content(&self, path: &Path) -> Result<Option<Content>> {
+        if *self == Self::default() { read_content(path) } else { Ok(None) }
+    }
+
+    /// Import a cloud of another program on the voxels of its file.
+    /// Returns the cloud, its time and the history of the file.
+    pub(crate) fn import_as_it_is(&self, path: &Path, global: &Global) -> Result<(Cloud, Lineage)> {
+        let settings = ImportSettings {
+            variable: self.variable.clone(),
+            spacing: None,
+            units: self.units.iter().cloned().collect(),
+            ..ImportSettings::default()
+        };
+        let (cloud, report) = import_cloud(path, &settings)?;
+        let lineage = report.lineage.clone();
+        say_import(report, global);
+        Ok((cloud, lineage))
+    }
 }
 
 fn write_isolated(
@@ -278,7 +298,8 @@ fn write_isolated(
         }
     }
     if !global.quiet {
-        say!("{} clouds in {}", clouds.len(), args.out.display());
+        let plural = if clouds.len() == 1 { "" } else { "s" };
+        say!("{} cloud{plural} in {}", clouds.len(), args.out.display());
         say_left_out(&left_out, &settings);
     }
     Ok(Outcome::Success)
@@ -349,20 +370,21 @@ struct Resolved<'a> {
 
 impl<'a> Resolved<'a> {
     fn of(args: &'a ImportArgs, time: usize, cloud: &Cloud) -> Self {
+        let Selection { variable, units } = &args.selection;
         Self {
             file: &args.file,
             time,
             crop: args.crop.map(|crop| [crop.x0, crop.y0, crop.nx, crop.ny]),
             droplets_per_cm3: args.droplets,
             air_density: args.air_density.as_ref().map(AirDensity::to_string),
-            variable: args.variable.as_deref(),
+            variable: variable.as_deref(),
             isolate: args.isolate,
             axes: args.axes.map(|axes| axes.to_string()),
             allow_implausible: args.allow_implausible,
             shape: cloud.grid.shape,
             spacing_km: cloud.grid.spacing.to_array(),
             origin_km: cloud.grid.origin.to_array(),
-            units: args.units.iter().map(|(name, unit)| (name.as_str(), unit.as_str())).collect(),
+            units: units.iter().map(|(name, unit)| (name.as_str(), unit.as_str())).collect(),
         }
     }
 }

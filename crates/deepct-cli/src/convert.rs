@@ -1,14 +1,14 @@
 //! `deepct convert`: clouds, volumes, masks and images in the formats of other programs.
 
-use crate::cloud::import_as_it_is;
+use crate::cloud::Selection;
 use crate::global::Global;
 use crate::outcome::Outcome;
 use crate::output::{check_origin, is_same_file};
 use deepct_core::files::check_output;
 use deepct_core::io::export::{Fields, export_fields, export_images};
 use deepct_core::io::{
-    Content, Lineage, Provenance, read_content, read_lineage, write_cloud, write_estimate,
-    write_mask, write_observation,
+    Content, Lineage, Provenance, read_lineage, write_cloud, write_estimate, write_mask,
+    write_observation,
 };
 use deepct_core::scene::Observation;
 use deepct_core::{Error, Result};
@@ -18,25 +18,27 @@ use std::path::{Path, PathBuf};
 ///
 /// The ending of OUTPUT names the format (see `deepct formats`): .vti, .vol, .npz or .mat for
 /// fields; .npz, .mat, .tif, .png or .exr for images. Clouds of other programs are read as by
-/// `deepct cloud import --spacing file`, which has options for them. They, and files that this command
-/// wrote, are also converted to .nc.
+/// `deepct cloud import --spacing file`, which has further options for them. They, and files that this
+/// command wrote, are also converted to .nc.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
     /// File to read
     input: PathBuf,
     /// File to write
     output: PathBuf,
+    #[command(flatten)]
+    selection: Selection,
 }
 
 pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
-    let Args { input, output } = args;
+    let Args { input, output, selection } = args;
     if is_same_file(input, output) {
         let problem = "is the input of this command, which would be lost";
         return Err(Error::file(output, "OUTPUT", problem, "give another name"));
     }
     check_output(output)?;
     check_origin(output, "OUTPUT", global.force)?;
-    match read_content(input)? {
+    match selection.own_content(input)? {
         Some(_) if is_netcdf(input) && is_netcdf(output) => {
             let remedy = "name another format (see `deepct formats`), or copy the file";
             return Err(Error::file(input, "file", "is one of deepct already", remedy));
@@ -50,7 +52,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
             export_fields(output, &Fields::of_estimate(&estimate))?;
         }
         Some(Content::Mask(mask)) => export_fields(output, &Fields::of_mask(&mask))?,
-        None => convert_foreign(input, output, global)?,
+        None => convert_foreign(args, global)?,
     }
     Ok(Outcome::Success)
 }
@@ -59,8 +61,9 @@ fn is_netcdf(path: &Path) -> bool {
     path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("nc"))
 }
 
-fn convert_foreign(input: &Path, output: &Path, global: &Global) -> Result<()> {
-    let (cloud, lineage) = import_as_it_is(input, global)?;
+fn convert_foreign(args: &Args, global: &Global) -> Result<()> {
+    let Args { input, output, selection } = args;
+    let (cloud, lineage) = selection.import_as_it_is(input, global)?;
     match is_netcdf(output) {
         true => write_netcdf(input, output, &Content::Cloud(cloud), lineage, global),
         false => export_fields(output, &Fields::of_cloud(&cloud)?),

@@ -12,8 +12,8 @@ use deepct_core::carve::{CarveSettings, carve};
 use deepct_core::files::check_output;
 use deepct_core::grid::{Grid, Mask, Volume};
 use deepct_core::inversion::{
-    Ending, InversionSettings, OrdinatesModels, Problem, Reconstruction, Start, invert, resume,
-    shown,
+    Ending, Explanation, InversionSettings, OrdinatesModels, Problem, Reconstruction, Start,
+    invert, resume, shown,
 };
 use deepct_core::io::{
     Provenance, inversion_identity, read_checkpoint, read_cloud, read_mask, write_reconstruction,
@@ -189,12 +189,17 @@ impl Job<'_> {
         if reconstruction.ending == Ending::Interrupted {
             return Ok(Outcome::Interrupted);
         }
-        let Some(misfit) = reconstruction.unexplained() else { return Ok(Outcome::Success) };
-        note!(
-            "deepct: the result does not explain the images: the misfit is {misfit:.1}, but should be \
-             about 1; check the light, the views and the grid, or begin elsewhere (--init auto)"
-        );
-        Ok(Outcome::CheckFailed)
+        let explanation = reconstruction.explanation();
+        if let Some(problem) = explanation.problem() {
+            note!(
+                "deepct: {problem}; check the light, the views and the grid, or begin elsewhere \
+                 (--init auto)"
+            );
+        }
+        match explanation {
+            Explanation::None(_) => Ok(Outcome::CheckFailed),
+            _ => Ok(Outcome::Success),
+        }
     }
 
     fn invert(

@@ -1,14 +1,13 @@
 //! `deepct regrid`: fields on the grid of another file.
 
-use crate::cloud::import_as_it_is;
+use crate::cloud::Selection;
 use crate::global::Global;
 use crate::outcome::Outcome;
 use crate::summary::{Form, Summary};
 use deepct_core::files::check_output;
 use deepct_core::grid::Volume;
 use deepct_core::io::{
-    Content, Provenance, read_content, read_grid, read_lineage, write_cloud, write_mask,
-    write_volume,
+    Content, Provenance, read_grid, read_lineage, write_cloud, write_mask, write_volume,
 };
 use deepct_core::optics::extinction;
 use deepct_core::{Error, Result};
@@ -31,16 +30,18 @@ pub(crate) struct Args {
     #[arg(long, value_name = "V.nc")]
     out: PathBuf,
     #[command(flatten)]
+    selection: Selection,
+    #[command(flatten)]
     form: Form,
 }
 
 pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
     check_output(&args.out)?;
     let grid = read_grid(&args.like)?;
-    let (content, lineage) = match read_content(&args.file)? {
+    let (content, lineage) = match args.selection.own_content(&args.file)? {
         Some(content) => (content, read_lineage(&args.file)),
         None => {
-            let (cloud, lineage) = import_as_it_is(&args.file, global)?;
+            let (cloud, lineage) = args.selection.import_as_it_is(&args.file, global)?;
             (Content::Cloud(cloud), lineage)
         }
     };

@@ -322,6 +322,10 @@ pub(crate) fn import_cloud(
     let crop = crop.map(|crop| sizes(crop, "crop", ["x0", "y0", "nx", "ny"])).transpose()?;
     let is_own =
         |spacing: &Bound<'_, PyAny>| spacing.extract::<String>().is_ok_and(|word| word == "file");
+    if axes.is_some() && spacing.is_none() {
+        let problem = "axes are stated without the size of their cells: give spacing (km)";
+        return Err(PyValueError::new_err(problem));
+    }
     let defaults = ImportSettings::default();
     let settings = ImportSettings {
         time: whole_if_given(time, "time")?.unwrap_or(defaults.time),

@@ -254,10 +254,9 @@ impl OnGrid {
         models.stop = watch.stop.clone();
         let problem = Problem { observation, mask: &mask, truth: truth.as_ref() };
         let answer = method(&problem, &mut models, settings, watch)?;
-        if let Some(misfit) = answer.unexplained() {
+        if let Some(problem) = answer.explanation().problem() {
             warnings.push(format!(
-                "the result does not explain the images: the misfit is {misfit:.1}, but should be \
-                 about 1; check light, views and grid, or begin elsewhere (init=\"auto\")"
+                "{problem}; check light, views and grid, or begin elsewhere (init=\"auto\")"
             ));
         }
         Ok(Solved { answer, mask, warnings })

@@ -236,7 +236,7 @@ def test_unreadable_files_of_matlab(tmp_path, refused, scipy_io):
     scipy_io.savemat(path, {"a": np.arange(500.0)}, do_compression=True)
     whole = path.read_bytes()
     path.write_bytes(whole[:400] + b"\xff\xff" + whole[402:])
-    line = refused(path, "--variable", "a", "--units", "a=km-1", "--axes", "x,y,z")
+    line = refused(path, "--variable", "a", "--units", "a=km-1", "--axes", "x,y,z", *STATED)
     assert "damaged" in line or "cannot be read" in line or "has no" in line
     path.write_bytes(b"\0\0\0\0" + bytes(100))
     assert "is not a MATLAB file of version 5 to 7.3; save it with -v7" in refused(path)

@@ -47,6 +47,23 @@ fn a_foreign_cloud_is_converted_as_it_is() {
 }
 
 #[test]
+fn a_variable_in_other_units_is_selected() {
+    let program = scene();
+    program.succeed("convert C.nc D.nc --variable lwc --units lwc=mg/m3");
+    program.succeed("regrid C.nc --like C.nc --variable lwc --units lwc=mg/m3 --out E.nc");
+    let water = |name| {
+        let droplets = read_cloud(program.path(name)).unwrap().microphysics.unwrap();
+        f64::from(droplets.liquid_water_content.sum())
+    };
+    let expected = 1e-3 * water("C.nc");
+    for name in ["D.nc", "E.nc"] {
+        assert!((water(name) / expected - 1.0).abs() < 1e-5, "{name}: {}", water(name));
+    }
+    program.refuse("convert C.nc F.nc --variable none", &["C.nc", "none"]);
+    program.refuse("cloud import C.nc --axes z,y,x --out F.nc", &["--spacing"]);
+}
+
+#[test]
 fn a_coarser_grid_conserves_cloud() {
     let program = scene();
     let printed = program.succeed("regrid C.nc --like G.toml --out D.nc");

@@ -38,6 +38,6 @@ pub use models::{Domain, ForwardModel, Models};
 pub use optimiser::{Bounds, Function, Minimiser, MinimiserSettings, Pair, Point, Step};
 pub use ordinates::{OrdinatesModels, QUICK_TOLERANCE};
 pub use problem::{Problem, Start, shown};
-pub use reconstruction::{Ending, Reconstruction, Record, Watch};
+pub use reconstruction::{Ending, Explanation, Reconstruction, Record, Watch};
 pub use run::{invert, resume};
 pub use settings::{InversionSettings, Variable};

@@ -55,9 +55,34 @@ impl Ending {
     }
 }
 
-/// Misfit above which the images are not explained: noise and errors of the model are about 1, and
-/// tens where surface or droplets are not those of the images.
+/// Misfit above which the images are not explained: noise and errors of the model are about 1.
 const UNEXPLAINED: f64 = 100.0;
+/// Misfit above which they are explained in part only: tens are found where air, surface or droplets
+/// are not those of the images.
+const DOUBTFUL: f64 = 10.0;
+
+/// How well a result explains the images.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Explanation {
+    /// Within a few standard errors, or the inversion was not allowed to change its start.
+    Complete,
+    /// In part; the misfit.
+    Partial(f64),
+    /// Not at all, as when an inversion cannot leave its start; the misfit.
+    None(f64),
+}
+
+impl Explanation {
+    /// A sentence about a result that does not explain the images.
+    pub fn problem(self) -> Option<String> {
+        let (part, misfit) = match self {
+            Self::Complete => return None,
+            Self::Partial(misfit) => ("explains the images in part only", misfit),
+            Self::None(misfit) => ("does not explain the images", misfit),
+        };
+        Some(format!("the result {part}: the misfit is {misfit:.1}, but should be about 1"))
+    }
+}
 
 /// The result of an inversion.
 #[derive(Debug, Clone, PartialEq)]
@@ -71,15 +96,19 @@ pub struct Reconstruction {
 }
 
 impl Reconstruction {
-    /// The misfit at the end, if it is so large that the extinction does not explain the images, as
-    /// when an inversion cannot leave its start. `None` if it was not allowed to.
-    pub fn unexplained(&self) -> Option<f64> {
-        let misfit = self.history.last()?.misfit;
+    /// How well the extinction explains the images, by the misfit at the end.
+    pub fn explanation(&self) -> Explanation {
+        let Some(misfit) = self.history.last().map(|record| record.misfit) else {
+            return Explanation::Complete;
+        };
         let moved = self.history.iter().any(|record| record.iteration > 0);
-        if self.ending == Ending::Iterations && !moved {
-            return None;
+        if misfit <= DOUBTFUL || self.ending == Ending::Iterations && !moved {
+            Explanation::Complete
+        } else if misfit <= UNEXPLAINED {
+            Explanation::Partial(misfit)
+        } else {
+            Explanation::None(misfit)
         }
-        (misfit > UNEXPLAINED || misfit.is_nan()).then_some(misfit)
     }
 }
 
@@ -103,3 +132,45 @@ pub trait Watch {
 }
 
 impl Watch for () {}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::grid::Grid;
+    use crate::math::DVec3;
+
+    /// A result after one iteration that ends with a misfit.
+    fn result(misfit: f64) -> Reconstruction {
+        let record = |iteration, misfit| Record {
+            stage: 0,
+            block: 1,
+            iteration,
+            misfit,
+            value: misfit,
+            evaluations: 1,
+            seconds: 0.0,
+            relative_error: None,
+            mass_error: None,
+        };
+        let grid = Grid::new(DVec3::ZERO, DVec3::ONE, [1, 1, 1]).unwrap();
+        Reconstruction {
+            extinction: Volume::constant(grid, 1.0),
+            history: vec![record(0, 1e4), record(1, misfit)],
+            ending: Ending::Stalled,
+        }
+    }
+
+    #[test]
+    fn a_large_misfit_is_told() {
+        assert_eq!(result(1.3).explanation().problem(), None);
+        let problem = |misfit| result(misfit).explanation().problem().unwrap();
+        assert!(problem(83.0).contains("in part only: the misfit is 83.0"));
+        assert!(problem(150.0).contains("does not explain the images"));
+        assert!(problem(f64::NAN).contains("does not explain the images"));
+        // Nothing is said of a start that may not be changed.
+        let mut start = result(1.0);
+        start.history.truncate(1);
+        start.ending = Ending::Iterations;
+        assert_eq!(start.explanation(), Explanation::Complete);
+    }
+}

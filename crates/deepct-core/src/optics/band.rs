@@ -7,6 +7,9 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 /// Number of tables that [`DropletTable::shared`] keeps.
 const KEPT_TABLES: usize = 4;
+/// Tables for droplets up to a largest radius have a multiple of this number of nodes, so that few of
+/// them are computed for many clouds.
+const NODES: usize = 8;
 
 /// A table that was computed, with its settings, the width of its band and its radii.
 type KeptTable = (DropletSettings, f64, Vec<f64>, Arc<DropletTable>);
@@ -48,11 +51,16 @@ impl DropletTable {
     ) -> Result<Arc<Self>> {
         let radii = radii.map_or_else(default_radii, <[f64]>::to_vec);
         let kept = || KEPT.lock().unwrap_or_else(PoisonError::into_inner);
-        let is_same = |(other, width_of_other, radii_of_other, _): &KeptTable| {
-            other == settings && *width_of_other == width && *radii_of_other == radii
+        let contains = |(other, width_of_other, radii_of_other, _): &&KeptTable| {
+            other == settings && *width_of_other == width && radii_of_other.starts_with(&radii)
         };
-        if let Some((.., table)) = kept().iter().find(|table| is_same(table)) {
-            return Ok(table.clone());
+        if let Some((.., table)) = kept().iter().find(contains) {
+            // A node depends on the smallest radius, where the integration begins, but not on the
+            // largest one.
+            return match table.nodes().len() == radii.len() {
+                true => Ok(table.clone()),
+                false => Ok(Arc::new(Self::new(table.nodes()[..radii.len()].to_vec())?)),
+            };
         }
         let table = Arc::new(Self::of_radii(settings, width, &radii)?);
         let mut kept = kept();
@@ -61,6 +69,18 @@ impl DropletTable {
         }
         kept.push((*settings, width, radii, table.clone()));
         Ok(table)
+    }
+
+    /// The nodes of [`DropletTable::of_band`] up to the first one from `largest` (um) on, as from
+    /// [`DropletTable::shared`]. Small droplets take a fraction of the time.
+    ///
+    /// # Errors
+    /// As [`DropletTable::of_band`].
+    pub fn shared_up_to(settings: &DropletSettings, width: f64, largest: f64) -> Result<Arc<Self>> {
+        let radii = default_radii();
+        let below = radii.partition_point(|radius| *radius < largest);
+        let count = (below + 1).next_multiple_of(NODES).min(radii.len());
+        Self::shared(settings, width, Some(&radii[..count]))
     }
 
     /// As [`DropletTable::of_band`], for the given ascending effective radii (um).
@@ -143,6 +163,21 @@ mod tests {
         let first = table(2.0);
         (0..KEPT_TABLES).for_each(|number| drop(table(4.0 + number as f64)));
         assert!(!Arc::ptr_eq(&first, &table(2.0)));
+    }
+
+    /// The nodes up to a radius are those of the whole table, whichever is computed first.
+    #[test]
+    fn a_part_of_a_table_has_the_same_nodes() {
+        let settings = DropletSettings::water(0.87);
+        let part = DropletTable::shared_up_to(&settings, 0.0, 4.0).unwrap();
+        assert_eq!(part.nodes().len(), 24);
+        assert!(part.nodes()[22].effective_radius > 4.0);
+        let whole = DropletTable::shared(&settings, 0.0, None).unwrap();
+        assert_eq!(whole.nodes().len(), 41);
+        assert_eq!(part.nodes(), &whole.nodes()[..24]);
+        let part = DropletTable::shared_up_to(&settings, 0.0, 2.0).unwrap();
+        assert_eq!(part.nodes(), &whole.nodes()[..16]);
+        assert_eq!(DropletTable::shared_up_to(&settings, 0.0, 30.0).unwrap(), whole);
     }
 
     #[test]

@@ -195,7 +195,7 @@ impl Light {
     /// the bottom of the grid.
     pub fn scene(&self, cloud: &Cloud) -> Result<Scene> {
         self.check()?;
-        self.scene_with(cloud, self.droplet_table(cloud)?)
+        self.scene_with(cloud, self.table_up_to(cloud, largest_radius(cloud))?)
     }
 
     /// The scene of a cloud given by its extinction (1/km) with this illumination.
@@ -231,17 +231,23 @@ impl Light {
         if !self.is_extinction_by_droplets(cloud) {
             return extinction(cloud);
         }
-        match self.droplet_table(cloud)? {
+        match self.table_up_to(cloud, largest_radius(cloud))? {
             Some(table) => droplet_extinction(cloud, &table),
             None => extinction(cloud),
         }
     }
 
-    /// The table of droplet optics by Mie theory for a cloud; `None` if Mie theory is not used.
+    /// The table of droplet optics by Mie theory for clouds whose droplets have the same distribution
+    /// and any effective radius up to 25 um; `None` if Mie theory is not used.
     ///
     /// # Errors
     /// Returns an error if a value is out of range.
     pub fn droplet_table(&self, cloud: &Cloud) -> Result<Option<Arc<DropletTable>>> {
+        self.table_up_to(cloud, f64::INFINITY)
+    }
+
+    /// [`Light::droplet_table`] for effective radii up to `largest` (um).
+    fn table_up_to(&self, cloud: &Cloud, largest: f64) -> Result<Option<Arc<DropletTable>>> {
         if self.optics.phase != PhaseModel::Mie && !self.is_extinction_by_droplets(cloud) {
             return Ok(None);
         }
@@ -249,7 +255,7 @@ impl Light {
         let width = self.optics.bandwidth;
         let table = match (&cloud.microphysics, self.optics.effective_radius) {
             (None, Some(radius)) => DropletTable::shared(&settings, width, Some(&[radius]))?,
-            _ => DropletTable::shared(&settings, width, None)?,
+            _ => DropletTable::shared_up_to(&settings, width, largest)?,
         };
         Ok(Some(table))
     }
@@ -318,6 +324,19 @@ impl Light {
             }
         }
     }
+}
+
+/// The largest effective radius (um) of a cloud where it is not clear, 0 if it has no droplets.
+fn largest_radius(cloud: &Cloud) -> f64 {
+    let Some(droplets) = &cloud.microphysics else { return 0.0 };
+    let extinction = cloud.extinction.as_ref();
+    let is_clear = |voxel| {
+        droplets.liquid_water_content[voxel] == 0.0
+            && extinction.is_none_or(|extinction| extinction[voxel] == 0.0)
+    };
+    let radii = droplets.effective_radius.indexed_iter();
+    let radii = radii.filter(|(voxel, _)| !is_clear(*voxel)).map(|(_, radius)| f64::from(*radius));
+    radii.fold(0.0, f64::max)
 }
 
 impl DropletOpticsModel {

@@ -722,3 +722,18 @@ fn implausible_lengths_and_numbers_are_refused() {
     let number = |settings: &mut ImportSettings| settings.droplets_per_cm3 = Some(4e-4);
     assert!(import(&path, number).unwrap_err().to_string().contains("droplet number"));
 }
+
+#[test]
+fn what_is_not_read_is_named_and_voxels_have_the_size_of_the_file() {
+    let (_folder, path) = place("both.nc");
+    edited(&path, |_| {});
+    let settings = ImportSettings { spacing: None, ..ImportSettings::default() };
+    let (cloud, report) = import_cloud(&path, &settings).unwrap();
+    let text = "left out: extinction (--variable extinction imports it in place of liquid water)";
+    assert!(report.taken.iter().any(|line| line == text), "{:?}", report.taken);
+    assert_eq!(cloud.grid, grid());
+    let settings = ImportSettings { variable: Some("extinction".into()), ..settings };
+    let (cloud, report) = import_cloud(&path, &settings).unwrap();
+    assert!(cloud.microphysics.is_none() && cloud.extinction.is_some());
+    assert!(!report.taken.iter().any(|line| line.contains("left out")), "{:?}", report.taken);
+}

@@ -245,13 +245,18 @@ impl Crop {
     }
 }
 
+/// A length (km) without the rounding errors of its computation, which are far below this unit of 1 nm.
+fn decimal(length: f64) -> f64 {
+    (length * 1e12).round() / 1e12
+}
+
 /// The requested grid over cells with the given edges along z, y, x (km).
 fn grid_over(edges: [&[f64]; 3], settings: &ImportSettings, path: &Path) -> Result<Grid> {
     let [z, y, x] = edges;
     let length = |edges: &[f64]| edges[edges.len() - 1] - edges[0];
-    let own = |edges: &[f64]| length(edges) / (edges.len() - 1) as f64;
+    let own = |edges: &[f64]| decimal(length(edges) / (edges.len() - 1) as f64);
     let spacing = settings.spacing.unwrap_or_else(|| DVec3::new(own(x), own(y), own(z)));
-    let base = settings.base.unwrap_or(z[0]);
+    let base = settings.base.unwrap_or_else(|| decimal(z[0]));
     // A whole number of voxels, up to rounding; the last one may extend beyond the cells.
     let count = |length: f64, step: f64| (length / step - 1e-3).ceil().max(1.0) as usize;
     if let Some(levels) = settings.levels.filter(|levels| *levels > MOST_LEVELS) {
@@ -259,7 +264,8 @@ fn grid_over(edges: [&[f64]; 3], settings: &ImportSettings, path: &Path) -> Resu
     }
     let levels = settings.levels.unwrap_or_else(|| count(z[z.len() - 1] - base, spacing.z));
     let shape = [levels, count(length(y), spacing.y), count(length(x), spacing.x)];
-    Grid::new(DVec3::new(x[0], y[0], base), spacing, shape).map_err(|problem| {
+    let origin = DVec3::new(decimal(x[0]), decimal(y[0]), base);
+    Grid::new(origin, spacing, shape).map_err(|problem| {
         Error::file(path, "grid", problem.to_string(), "choose another spacing, base or levels")
     })
 }

@@ -80,18 +80,27 @@ pub(super) fn find_field(
             return Ok(Field::Extinction(named.name));
         }
     }
+    let find_extinction = || {
+        let names = input.names();
+        let mut variables = names.iter().filter_map(|name| input.variable(name).ok());
+        variables.find(|variable| {
+            EXTINCTION_NAMES.contains(&leaf(&variable.name).to_lowercase().as_str())
+                && is_extinction(variable)
+                && Layout::of(input, variable).is_ok()
+        })
+    };
     match find_water(input, settings, checks) {
-        Ok(water) => Ok(Field::Water(water.name)),
+        Ok(water) => {
+            if let (None, Some(extinction)) = (&settings.variable, find_extinction()) {
+                checks.note(format!(
+                    "left out: {0} (--variable {0} imports it in place of liquid water)",
+                    extinction.name
+                ));
+            }
+            Ok(Field::Water(water.name))
+        }
         Err(problem) => {
-            let names = input.names();
-            let mut variables = names.iter().filter_map(|name| input.variable(name).ok());
-            let known = |variable: &Variable| {
-                EXTINCTION_NAMES.contains(&leaf(&variable.name).to_lowercase().as_str())
-            };
-            let found = variables.find(|variable| {
-                known(variable) && is_extinction(variable) && Layout::of(input, variable).is_ok()
-            });
-            found.map(|variable| Field::Extinction(variable.name)).ok_or(problem)
+            find_extinction().map(|variable| Field::Extinction(variable.name)).ok_or(problem)
         }
     }
 }

@@ -167,6 +167,9 @@ impl Optics {
     }
 }
 
+/// The effective radius (um) of droplets of intermediate size.
+const INTERMEDIATE: f64 = 5.0;
+
 /// Delta-M scaling factor, for droplets of intermediate size.
 pub(super) fn delta_m_scaling(scattering: &Scattering, zenith_angles: usize) -> f64 {
     let degrees = degrees_of(zenith_angles);
@@ -175,7 +178,9 @@ pub(super) fn delta_m_scaling(scattering: &Scattering, zenith_angles: usize) -> 
             (*single_scattering_albedo, phase_function)
         }
         Scattering::Droplets { table, .. } => {
-            let node = &table.nodes()[table.nodes().len() / 2];
+            let nodes = table.nodes();
+            let below = nodes.partition_point(|node| node.effective_radius < INTERMEDIATE);
+            let node = &nodes[below.min(nodes.len() - 1)];
             (node.single_scattering_albedo, &node.phase_function)
         }
     };
