@@ -7,9 +7,6 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 /// Number of tables that [`DropletTable::shared`] keeps.
 const KEPT_TABLES: usize = 4;
-/// Tables for droplets up to a largest radius have a multiple of this number of nodes, so that few of
-/// them are computed for many clouds.
-const NODES: usize = 8;
 
 /// A table that was computed, with its settings, the width of its band and its radii.
 type KeptTable = (DropletSettings, f64, Vec<f64>, Arc<DropletTable>);
@@ -79,8 +76,7 @@ impl DropletTable {
     pub fn shared_up_to(settings: &DropletSettings, width: f64, largest: f64) -> Result<Arc<Self>> {
         let radii = default_radii();
         let below = radii.partition_point(|radius| *radius < largest);
-        let count = (below + 1).next_multiple_of(NODES).min(radii.len());
-        Self::shared(settings, width, Some(&radii[..count]))
+        Self::shared(settings, width, Some(&radii[..radii.len().min(below + 1)]))
     }
 
     /// As [`DropletTable::of_band`], for the given ascending effective radii (um).
@@ -170,13 +166,14 @@ mod tests {
     fn a_part_of_a_table_has_the_same_nodes() {
         let settings = DropletSettings::water(0.87);
         let part = DropletTable::shared_up_to(&settings, 0.0, 4.0).unwrap();
-        assert_eq!(part.nodes().len(), 24);
-        assert!(part.nodes()[22].effective_radius > 4.0);
+        let last = part.nodes().len() - 1;
+        assert!(part.nodes()[last].effective_radius >= 4.0);
+        assert!(part.nodes()[last - 1].effective_radius < 4.0);
         let whole = DropletTable::shared(&settings, 0.0, None).unwrap();
         assert_eq!(whole.nodes().len(), 41);
-        assert_eq!(part.nodes(), &whole.nodes()[..24]);
+        assert_eq!(part.nodes(), &whole.nodes()[..=last]);
         let part = DropletTable::shared_up_to(&settings, 0.0, 2.0).unwrap();
-        assert_eq!(part.nodes(), &whole.nodes()[..16]);
+        assert_eq!(part.nodes(), &whole.nodes()[..part.nodes().len()]);
         assert_eq!(DropletTable::shared_up_to(&settings, 0.0, 30.0).unwrap(), whole);
     }
 
