@@ -146,6 +146,17 @@ impl Minimiser {
         Self { point, pairs: pairs.into(), bounds, settings, values }
     }
 
+    /// Evaluates the function again at the current point, after it has changed.
+    ///
+    /// # Errors
+    /// The errors of the function.
+    pub fn refresh(&mut self, function: &mut dyn Function) -> Result<()> {
+        self.point.value = function.value(&self.point.x)?;
+        self.point.gradient = function.gradient()?;
+        self.values += 1;
+        Ok(())
+    }
+
     /// The current point.
     pub fn point(&self) -> &Point {
         &self.point

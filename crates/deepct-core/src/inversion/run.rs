@@ -23,8 +23,9 @@ use std::time::Instant;
 const PATIENCE: usize = 5;
 
 /// Number of iterations between two states from which an inversion can be resumed. At each of them,
-/// the model forgets the solution from which the next one would start, which takes time.
-const KEPT: usize = 5;
+/// the model forgets the solution from which the next one would start, and the objective function is
+/// evaluated again, because the value found from another solution differs by more than a step gains.
+const KEPT: usize = 10;
 
 /// Smallest uncertainty of a start (1/km), because voxels that a network estimates as clear may
 /// contain thin cloud.
@@ -138,6 +139,8 @@ struct Run<'a> {
     expected: Option<&'a Estimate>,
     stages: Vec<Stage>,
     history: Vec<Record>,
+    /// The change of the value when the objective function was last evaluated again at one point.
+    shift: f64,
     /// Time spent before the inversion was resumed (s).
     seconds: f64,
     began: Instant,
@@ -195,6 +198,7 @@ impl<'a> Run<'a> {
             expected,
             stages: stages(start, models.are_corrected(), settings),
             history,
+            shift: 0.0,
             seconds: 0.0,
             began,
         })
@@ -287,7 +291,8 @@ impl<'a> Run<'a> {
             begun => begun?,
         };
         if !resumed {
-            self.note(level, &mut objective, &minimiser, (0, &from))?;
+            self.note(level, &objective, &minimiser, 0)?;
+            self.keep(level, &objective, &minimiser, (0, &from))?;
         }
         let most = if *near { self.settings.iterations } else { self.settings.coarse_iterations };
         let ending = loop {
@@ -300,14 +305,21 @@ impl<'a> Run<'a> {
                 other => other?,
             };
             iteration += 1;
-            self.note(level, &mut objective, &minimiser, (iteration, &from))?;
+            self.note(level, &objective, &minimiser, iteration)?;
+            if iteration.is_multiple_of(KEPT) {
+                self.keep(level, &objective, &minimiser, (iteration, &from))?;
+                match self.evaluate_again(&mut minimiser, &mut objective) {
+                    Err(Error::Interrupted) => break Ending::Interrupted,
+                    done => done?,
+                }
+            }
         };
         Ok((self.answer(level, &objective, &minimiser.point().x)?, ending))
     }
 
     /// Scales the start, estimates the second derivatives, and computes the first gradient.
     fn begin(
-        &self,
+        &mut self,
         objective: &mut Objective,
         mut cloudy: Volume,
         search: bool,
@@ -319,13 +331,15 @@ impl<'a> Run<'a> {
         }
         let x = objective.variables.of(&cloudy);
         objective.probe(&x, self.settings, self.views)?;
+        objective.forget();
+        self.shift = 0.0;
         let bounds = objective.variables.bounds();
         Minimiser::start(objective, &x, bounds, minimiser_settings(self.settings))
     }
 
     /// Restores the minimisation of a checkpoint and the number of its iterations.
     fn restore(
-        &self,
+        &mut self,
         objective: &mut Objective,
         checkpoint: Checkpoint,
     ) -> Result<(Minimiser, usize)> {
@@ -333,11 +347,27 @@ impl<'a> Run<'a> {
         objective.probe(&probed_at, self.settings, self.views)?;
         // A corrected model is corrected at the first point of the stage.
         objective.value(&probed_at)?;
-        objective.forget();
         let bounds = objective.variables.bounds();
-        let values = history.last().map_or(0, |record| record.evaluations);
+        // The evaluation of the start is made again, and counted then.
+        let last = history.last().filter(|record| record.iteration > 0);
+        let values = last.map_or(0, |record| record.evaluations);
         let settings = minimiser_settings(self.settings);
-        Ok((Minimiser::resume(point, pairs, bounds, settings, values), iteration))
+        let mut minimiser = Minimiser::resume(point, pairs, bounds, settings, values);
+        self.evaluate_again(&mut minimiser, objective)?;
+        Ok((minimiser, iteration))
+    }
+
+    /// Evaluates the objective function again, without the solution from which the model would start.
+    fn evaluate_again(
+        &mut self,
+        minimiser: &mut Minimiser,
+        objective: &mut Objective,
+    ) -> Result<()> {
+        let before = minimiser.point().value;
+        objective.forget();
+        minimiser.refresh(objective)?;
+        self.shift = minimiser.point().value - before;
+        Ok(())
     }
 
     /// The reason to end the stage, if there is one.
@@ -354,17 +384,21 @@ impl<'a> Run<'a> {
         if iteration >= most {
             return Some(Ending::Iterations);
         }
-        let before = here.len().checked_sub(PATIENCE + 1).map(|at| here[at].value)?;
-        (before - last.value < self.settings.change * before).then_some(Ending::Stalled)
+        let earlier = iteration.checked_sub(PATIENCE)?;
+        let before = here[earlier].value;
+        let evaluated_again = iteration / KEPT * KEPT;
+        let shift = if (earlier..iteration).contains(&evaluated_again) { self.shift } else { 0.0 };
+        let decrease = before - last.value + shift;
+        (decrease < self.settings.change * before).then_some(Ending::Stalled)
     }
 
-    /// Records an iteration and passes it, with a checkpoint, to the progress callback.
+    /// Records an iteration and passes it to the progress callback.
     fn note(
         &mut self,
         level: &Level,
-        objective: &mut Objective,
+        objective: &Objective,
         minimiser: &Minimiser,
-        (iteration, began_at): (usize, &[f64]),
+        iteration: usize,
     ) -> Result<()> {
         let (mut relative_error, mut mass_error) = (None, None);
         if let Some(truth) = self.truth {
@@ -385,10 +419,17 @@ impl<'a> Run<'a> {
         };
         self.history.push(record);
         self.watch.reached(&record);
-        if !iteration.is_multiple_of(KEPT) {
-            return Ok(());
-        }
-        objective.forget();
+        Ok(())
+    }
+
+    /// Passes the state to the progress callback.
+    fn keep(
+        &self,
+        level: &Level,
+        objective: &Objective,
+        minimiser: &Minimiser,
+        (iteration, began_at): (usize, &[f64]),
+    ) -> Result<()> {
         self.watch.keep(&Checkpoint {
             stage: level.number,
             iteration,

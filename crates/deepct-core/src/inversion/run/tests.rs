@@ -281,6 +281,50 @@ fn corrections_end_at_the_answer_of_the_accurate_model() {
     assert!(errors[2] < 0.5 * errors[1], "{errors:?}");
 }
 
+/// Images that are darker after every second time that the model forgot earlier evaluations, like those
+/// of an iterative solver that has not converged.
+struct Forgetful<'a> {
+    model: OnGrid<'a>,
+    forgotten: usize,
+}
+
+impl Models for Forgetful<'_> {
+    fn model(&mut self, domain: &Domain) -> Result<Box<dyn ForwardModel + '_>> {
+        let model =
+            OnGrid { views: self.model.views, extinction: Volume::constant(domain.mask.grid, 0.0) };
+        Ok(Box::new(Forgetful { model, forgotten: 0 }))
+    }
+}
+
+impl ForwardModel for Forgetful<'_> {
+    fn images(&mut self, extinction: &Volume) -> Result<ViewStack> {
+        let share = if self.forgotten.is_multiple_of(2) { 0.97 } else { 1.0 };
+        ViewStack::new(share * self.model.images(extinction)?.values)
+    }
+
+    fn gradient(&mut self, weights: &ViewStack) -> Result<Volume> {
+        let share = if self.forgotten.is_multiple_of(2) { 0.97 } else { 1.0 };
+        self.model.gradient(&ViewStack::new(share * &weights.values)?)
+    }
+
+    fn forget(&mut self) {
+        self.forgotten += 1;
+    }
+}
+
+/// The values before and after the model has begun anew are not compared.
+#[test]
+fn an_inversion_continues_where_the_model_begins_anew() {
+    let (truth, observation, models) = observe();
+    let mask = mask(&truth);
+    let problem = Problem { observation: &observation, mask: &mask, truth: Some(&truth) };
+    let mut models = Forgetful { model: models.on(truth.grid), forgotten: 0 };
+    let settings = InversionSettings { iterations: 2 * KEPT + 5, coarse: vec![], ..settings() };
+    let found = invert(&problem, &mut models, &Start::Constant(1.0), &settings, &()).unwrap();
+    let last = found.history.last().unwrap();
+    assert_eq!((found.ending, last.iteration), (Ending::Iterations, 2 * KEPT + 5));
+}
+
 /// A rough start is not smoothed if the images contain almost no information.
 #[test]
 fn a_start_is_what_the_prior_expects() {
