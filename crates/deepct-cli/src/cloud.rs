@@ -426,11 +426,18 @@ fn units(text: &str) -> std::result::Result<(String, String), String> {
     }
 }
 
+/// Sizes of voxels from this number on are those in metres.
+const LEAST_METRES: f64 = 20.0;
+
 fn spacing(text: &str) -> std::result::Result<Spacing, String> {
     if text == "file" {
         return Ok(Spacing(None));
     }
-    match numbers(text) {
+    match numbers::<f64, 3>(text) {
+        Some(spacing) if spacing.iter().any(|size| *size >= LEAST_METRES) => {
+            let [x, y, z] = spacing.map(|size| 1e-3 * size);
+            Err(format!("the sizes are in km: give {x},{y},{z} for metres"))
+        }
         Some(spacing) => Ok(Spacing(Some(DVec3::from_array(spacing)))),
         None => Err("give three numbers in km: DX,DY,DZ, or \"file\"".into()),
     }

@@ -193,7 +193,7 @@ impl Job<'_> {
         if let Some(problem) = explanation.problem() {
             note!(
                 "deepct: {problem}; check the light, the views and the grid, or begin elsewhere \
-                 (--init auto)"
+                 (`deepct invert --init auto`)"
             );
         }
         match explanation {

@@ -225,7 +225,7 @@ fn check_grids(truth: &Grid, estimate: &Grid) -> Result<()> {
         "grids of truth and estimate",
         truth,
         estimate,
-        "bring both to one grid before they are compared",
+        "bring both to one grid first, with `deepct regrid` or `Volume::resampled`",
     ))
 }
 

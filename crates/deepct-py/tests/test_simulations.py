@@ -218,6 +218,29 @@ def test_water_beside_the_grid_is_mentioned(tmp_path, load):
     assert "none in the part" in load(simple(tmp_path / "clear.nc", 0.0 * WATER)).printed
 
 
+def test_stretched_levels_are_told(tmp_path, load):
+    faces = np.array([480.0, 520.0, 560.0, 620.0, 700.0])
+    path = simple(tmp_path / "stretched.nc", z=0.5 * (faces[:-1] + faces[1:]))
+    bounds(path, faces)
+    cloud = load(path)
+    assert cloud.spacing[2] == 0.055
+    assert "its levels are 40 to 80 m thick, and are averaged to 55 m" in cloud.warnings
+    # The levels of a part may be uniform, even where those below are not.
+    part = load(path, "--base", 0.48, "--levels", 2, "--spacing", "0.05,0.05,0.04")
+    assert part.warnings == ""
+    above = load(path, "--base", 0.56)
+    assert above.spacing[2] == 0.07
+    even = simple(tmp_path / "even.nc", z=[0.0, 1000.0, 1040.0, 1080.0])
+    assert load(even, "--base", 1.02).spacing[2] == 0.04
+    assert "thick" not in load(even, "--base", 1.02).warnings
+
+
+def test_little_water_is_told(tmp_path, load, refused):
+    path = simple(tmp_path / "little.nc", 2e-3 * WATER)
+    assert "lwc is at most 0.0024" in load(path).warnings
+    assert "too little for a cloud" in refused(simple(tmp_path / "traces.nc", 5e-4 * WATER))
+
+
 # Models
 
 
@@ -247,6 +270,12 @@ def test_ucla_les(tmp_path, load, format):
     assert cloud.path == pytest.approx(25e3 * (2e-4 * 1.167 + 4e-4 * 1.165), rel=1e-5)
     assert cloud.bottom == 0.0
     assert "UCLA-LES writes kg/kg" in cloud.warnings
+    # A date that does not exist, which UCLA-LES writes, would make the file unreadable for xarray.
+    with netCDF4.Dataset(path, "a") as file:
+        file["time"].units = "seconds since 2000-00-00 0000"
+    load(path)
+    with xr.open_dataset(tmp_path / "imported.nc", decode_timedelta=False) as imported:
+        assert imported.time == 600.0 and imported.time.units == "seconds"
     assert "density of air: dn0" in cloud.printed
     # Numbers that can only be in g/kg stay so.
     with netCDF4.Dataset(path, "a") as file:
@@ -302,6 +331,12 @@ def test_sam(tmp_path, load, format):
     assert cloud.radius[1].max() == pytest.approx(8.0)
     assert "water and ice" in cloud.warnings
     assert "density of air: from p, TABS" in cloud.printed
+    # SAM computes water paths with the density of all air: p / (R T (1 + 0.61 qv)).
+    with netCDF4.Dataset(path, "a") as file:
+        put(file, "QV", 16.0, "g/kg      ", field)
+    moist = load(path)
+    assert moist.path == pytest.approx(cloud.path / (1.0 + (461.5 / 287.04 - 1.0) * 0.016), rel=1e-5)
+    assert "from p, TABS, QV (all air)" in moist.printed
 
 
 def test_cm1(tmp_path, load):
@@ -341,7 +376,7 @@ def test_cm1_with_dimensions_of_other_names(tmp_path, load):
         put(file, "qc", 1e-3 * WATER, "kg/kg", ("time", "nk", "nj", "ni"))
     cloud = load(path, "--air-density", 1)
     assert cloud.path == pytest.approx(WATER.sum(axis=0).mean() * 40.0, rel=1e-5)
-    assert "--base 0 cuts it there" in cloud.warnings
+    assert "a grid from --base 0 on leaves that part out" in cloud.warnings
 
 
 def test_wrf_without_coordinates(tmp_path, load):
@@ -960,6 +995,6 @@ def test_clouds_that_are_not_isolated_are_counted(tmp_path, command_line):
         put(file, "lwc", water, "g m-3", ("z", "y", "x"))
     isolate = ("cloud", "import", path, "--spacing", "file", "--isolate", 16, "--out", tmp_path / "all")
     printed = command_line(*isolate)
-    assert "1 clouds in" in printed
+    assert "1 cloud in" in printed
     assert "1 left out: 1 of fewer than 10 columns (--min-columns)" in printed
     assert "2 clouds in" in command_line(*isolate, "--min-columns", 9)

@@ -11,8 +11,10 @@ use std::path::Path;
 pub(crate) const LARGEST_EXTINCTION: f32 = 1e4;
 /// Largest plausible liquid water content (g/m3); that of the densest clouds is about 5.
 const LARGEST_WATER: f32 = 20.0;
-/// Smallest plausible maximum of the liquid water content of a cloud (g/m3).
+/// Smallest plausible maximum of the liquid water content of a cloud (g/m3), and that below which it is
+/// told: five thousandths of a field in kg that is read in g.
 const LEAST_WATER: f32 = 1e-3;
+const LITTLE_WATER: f32 = 5e-3;
 /// Range of plausible effective radii (um).
 const RADII: [f32; 2] = [1.0, 60.0];
 /// Droplets smaller than that are plausible in traces of water, up to this number per cm3.
@@ -176,7 +178,11 @@ impl<'a> Checks<'a> {
         likely: String,
     ) -> Result<()> {
         let most = values.iter().copied().fold(0.0, f32::max);
-        if most == 0.0 || most >= LEAST_WATER {
+        if most == 0.0 || most >= LITTLE_WATER {
+            return Ok(());
+        }
+        if most >= LEAST_WATER {
+            self.warn(format!("{name} is at most {most} g m-3, little for a cloud; {likely}"));
             return Ok(());
         }
         let problem = format!("is at most {most} g m-3, too little for a cloud");

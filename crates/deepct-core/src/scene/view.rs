@@ -48,7 +48,9 @@ const SAME_TARGET: f64 = 1e-6;
 /// Largest displacement (pixels) of a pixel of an image whose plane is turned to another target.
 const TURNED_PIXEL: f64 = 0.1;
 
-/// A camera pointed at a target. Rows increase towards north and columns towards east.
+/// A camera pointed at a target. Rows increase towards north and columns towards east: on the image
+/// plane of a perspective camera, columns along the projection of the east vector, and rows along the
+/// normal of both it and the line of sight.
 #[derive(Debug, Clone, PartialEq)]
 pub struct View {
     /// The point that the camera is pointed at (km), at the centre of the image unless it is shifted.

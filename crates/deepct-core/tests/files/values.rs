@@ -218,6 +218,11 @@ fn units_of_images_are_converted() {
     set_units(&file, "radiance", "W m-2 sr-1 um-1");
     file.close().unwrap();
     check_refusal(io::read_observation(&path), &path, "sr-1 is expected");
+    check_refusal(io::read_observation(&path), &path, "the variable sun_irradiance");
+    let file = File::open_rw(&path).unwrap();
+    set_units(&file, "radiance", "1");
+    file.close().unwrap();
+    check_refusal(io::read_observation(&path), &path, "a reflectance times the cosine");
 }
 
 /// The value of a corner voxel of `lwc`, and how the file declares it as missing.

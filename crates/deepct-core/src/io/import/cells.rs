@@ -212,8 +212,10 @@ fn length_unit(axis: &Variable, values: &[f64], checks: &mut Checks) -> Result<f
     }
     let (unit, factor) = if step >= METRES { ("m", 1e-3) } else { ("km", 1.0) };
     checks.warn(format!(
-        "{} has no units; its steps of {step} are taken to be in {unit} (--units {}=m states them)",
-        axis.name, axis.name
+        "{} has no units; its steps of {} are taken to be in {unit} (--units {}=m states them)",
+        axis.name,
+        (1e6 * step).round() / 1e6,
+        axis.name
     ));
     Ok(factor)
 }
@@ -445,7 +447,8 @@ fn above_ground(water: &Variable, mut cells: Cells, checks: &mut Checks) -> Resu
     }
     if cells.faces[0] < 0.0 {
         checks.warn(format!(
-            "the lowest level reaches down to {:.4} km, below the ground; --base 0 cuts it there",
+            "the lowest level reaches down to {:.4} km, below the ground; a grid from --base 0 on leaves \
+             that part out",
             cells.faces[0]
         ));
     }

@@ -163,7 +163,7 @@ impl<'a> Simulation<'a> {
     }
 
     /// The density from pressure, temperature and humidity, if the file has the first two: that of dry
-    /// air for a quantity per mass of dry air, and of all air for a specific content.
+    /// air for a quantity per mass of dry air, and of all air for a specific content and in files of SAM.
     fn of_state(&mut self, quantity: &Variable) -> Result<Option<Array3<f32>>> {
         let Some((pressure_name, pressure)) = self.quantity(&PRESSURE, "PB", 0.0)? else {
             return Ok(None);
@@ -188,7 +188,10 @@ impl<'a> Simulation<'a> {
         let humidity = self.quantity(&HUMIDITY, "", 0.0)?;
         let described = description(quantity).to_lowercase();
         let standard = quantity.text("standard_name").unwrap_or_default();
-        let of_all_air = described.contains("specific") || standard.starts_with("mass_fraction");
+        // SAM, whose name of the temperature this is, computes water paths with the density of all air.
+        let of_sam = leaf(&temperature_name).eq_ignore_ascii_case("tabs");
+        let of_all_air =
+            of_sam || described.contains("specific") || standard.starts_with("mass_fraction");
         let mut density = pressure / (temperature * DRY_AIR);
         let mut names = format!("{pressure_name}, {temperature_name}");
         if let Some((name, humidity)) = humidity {

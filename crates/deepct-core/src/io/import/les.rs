@@ -30,6 +30,8 @@ const TRACE: f32 = 1e-3;
 const MISSING: f32 = f32::MIN;
 /// The liquid water content in data sets of AT3D.
 const AT3D_WATER: &str = "density";
+/// Ratio of the thickest to the thinnest level from which levels are stretched.
+const STRETCHED: f64 = 1.01;
 /// Largest mixing ratio (g/kg) of clouds: larger ones are not in the unit that is assumed.
 const LARGEST_RATIO: f32 = 50.0;
 
@@ -109,6 +111,9 @@ pub fn read_les(
     checks.grid(&grid)?;
     let levels = levels_within(&z.faces, &grid);
     let z_edges = &z.faces[levels.start..=levels.end];
+    if settings.spacing.is_none() {
+        warn_of_stretching(z_edges, &grid, &mut checks);
+    }
     let window = Window {
         time,
         levels: z.below + levels.start..z.below + levels.end,
@@ -177,6 +182,27 @@ fn units_of_at3d(input: &Input, checks: &mut Checks) -> BTreeMap<String, String>
         ));
     }
     units
+}
+
+/// Warn if the voxels of a file cannot be kept because its levels, with these faces (km), differ in
+/// thickness.
+fn warn_of_stretching(faces: &[f64], grid: &Grid, checks: &mut Checks) {
+    let within = |faces: &&[f64]| {
+        let inside = faces[1].min(grid.upper().z) - faces[0].max(grid.lower().z);
+        inside > 1e-3 * grid.spacing.z
+    };
+    let thickness = faces.windows(2).filter(within).map(|faces| faces[1] - faces[0]);
+    let [least, most] = thickness
+        .fold([f64::INFINITY, 0.0], |[least, most], size| [size.min(least), size.max(most)]);
+    if most > STRETCHED * least {
+        checks.warn(format!(
+            "its levels are {:.0} to {:.0} m thick, and are averaged to {:.0} m, their mean; --spacing \
+             DX,DY,DZ gives another size, --base and --levels select a part",
+            1e3 * least,
+            1e3 * most,
+            1e3 * grid.spacing.z
+        ));
+    }
 }
 
 /// The cells of the variable along z, y and x. The size of a single cell without bounds is that of

@@ -245,6 +245,12 @@ impl Crop {
     }
 }
 
+/// The faces from the altitude `base` on, or all of them if there are fewer than two.
+fn faces_above(faces: &[f64], base: f64) -> &[f64] {
+    let first = faces.partition_point(|face| *face < base - 1e-9);
+    if faces.len() - first < 2 { faces } else { &faces[first..] }
+}
+
 /// A length (km) without the rounding errors of its computation, which are far below this unit of 1 nm.
 fn decimal(length: f64) -> f64 {
     (length * 1e12).round() / 1e12
@@ -255,8 +261,9 @@ fn grid_over(edges: [&[f64]; 3], settings: &ImportSettings, path: &Path) -> Resu
     let [z, y, x] = edges;
     let length = |edges: &[f64]| edges[edges.len() - 1] - edges[0];
     let own = |edges: &[f64]| decimal(length(edges) / (edges.len() - 1) as f64);
-    let spacing = settings.spacing.unwrap_or_else(|| DVec3::new(own(x), own(y), own(z)));
     let base = settings.base.unwrap_or_else(|| decimal(z[0]));
+    let spacing =
+        settings.spacing.unwrap_or_else(|| DVec3::new(own(x), own(y), own(faces_above(z, base))));
     // A whole number of voxels, up to rounding; the last one may extend beyond the cells.
     let count = |length: f64, step: f64| (length / step - 1e-3).ceil().max(1.0) as usize;
     if let Some(levels) = settings.levels.filter(|levels| *levels > MOST_LEVELS) {

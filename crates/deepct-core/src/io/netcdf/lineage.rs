@@ -57,8 +57,23 @@ impl Time {
         let values = axis.values_at::<f64>(&range, 1.0, f64::NAN).ok()?;
         let value = values.into_iter().next().filter(|value| value.is_finite())?;
         let text = |name: &str| axis.text(name).unwrap_or_default();
-        Some(Self { value, units: text("units"), calendar: text("calendar") })
+        let units = text("units");
+        let (unit, since) = units.split_once(" since ").unwrap_or((&units, ""));
+        if since.is_empty() || is_date(since) {
+            return Some(Self { value, units, calendar: text("calendar") });
+        }
+        // Programs refuse a whole file with a date that does not exist, such as UCLA-LES's 2000-00-00.
+        Some(Self { value, units: unit.to_owned(), calendar: String::new() })
     }
+}
+
+/// Whether the month and the day at the beginning of a text exist in some calendar.
+fn is_date(text: &str) -> bool {
+    let date = text.trim().trim_start_matches('-').split(['T', ' ']).next().unwrap_or_default();
+    let mut numbers = date.splitn(3, '-').skip(1).map(|part| part.parse::<u32>().unwrap_or(0));
+    let [month, day] = [numbers.next(), numbers.next()];
+    month.is_none_or(|month| (1..=12).contains(&month))
+        && day.is_none_or(|day| (1..=31).contains(&day))
 }
 
 /// Read the lineage of a file; that of a file of an unknown format is empty.
@@ -87,4 +102,19 @@ pub(super) fn put_lineage(output: &Output, lineage: &Lineage) -> Result<()> {
     .collect();
     let attributes: &Attributes = &attributes;
     output.scalar("time", *value, attributes)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn dates_that_do_not_exist_are_found() {
+        for date in ["2004-12-31 00:00:00", "1-1-1", "1900-01-01T00:00Z", "-0044-03-15", "1970"] {
+            assert!(is_date(date), "{date}");
+        }
+        for date in ["2000-00-00 0000", "2000-13-01", "2000-01-32", "2000-01-day"] {
+            assert!(!is_date(date), "{date}");
+        }
+    }
 }

@@ -379,14 +379,18 @@ impl Variable<'_> {
     pub(crate) fn wrong_unit(&self, expected: &str, example: &str) -> Error {
         let found = self.unit_text();
         let found = found.map_or("no units".into(), |text| format!("the units \"{text}\""));
-        self.error(
-            format!("has {found}, but {expected} is expected"),
-            &format!(
+        let remedy = match expected {
+            "sr-1" => "convert them: a reflectance times the cosine of the solar zenith angle over pi, a \
+                       radiance over the solar irradiance in the same units; or state this irradiance, \
+                       with its units, as the variable sun_irradiance"
+                .to_owned(),
+            _ => format!(
                 "correct the attribute `units`, or state the units of the numbers with `cloud \
                  import --units {}=\"{example}\"`",
                 self.name
             ),
-        )
+        };
+        self.error(format!("has {found}, but {expected} is expected"), &remedy)
     }
 
     /// All values, converted to `unit`. Missing values are NaN.
