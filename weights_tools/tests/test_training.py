@@ -173,11 +173,19 @@ def test_a_picture_says_what_its_axes_are():
         {"epoch": 3, "loss": 0.9, "validation_epsilon": float("nan"), "validation_delta": 0.1},
     ]
     drawing = figure(history)
-    for axes, name in zip(drawing.axes, ("training loss (of scaled extinction)", "score")):
+    names = ("training loss (of scaled extinction)", "relative error epsilon", "mass error delta")
+    for axes, name in zip(drawing.axes, names):
         assert axes.get_xlabel() == "epoch" and axes.get_ylabel().startswith(name)
-    texts = [text.get_text() for text in drawing.axes[1].get_legend().get_texts()]
-    assert texts[0].startswith("epsilon") and texts[1].startswith("delta")
-    assert texts[2] == "best: epoch 2"
+    assert drawing.axes[1].get_title() == "validation clouds; best.pt: epoch 2"
+
+
+def test_the_scores_of_an_untrained_network_are_in_the_picture():
+    history = [{"epoch": 1, "loss": 9.0, "validation_epsilon": 80.0, "validation_delta": -75.0}]
+    _, epsilon, delta = figure(history).axes
+    for axes, value in ((epsilon, 80.0), (delta, -75.0)):
+        assert min(axes.get_ylim()) < value < max(axes.get_ylim())
+        # A single value has a mark: a line through one point cannot be seen.
+        assert axes.lines[0].get_marker() == "o"
 
 
 def test_a_checkpoint_from_before_a_setting_goes_on(data, tmp_path):

@@ -20,27 +20,36 @@ def write_picture(history: list[dict[str, float]], folder: Path) -> None:
 
 
 def figure(history: list[dict[str, float]]) -> Figure:
-    """The learning curves, with a mark at the epoch of ``best.pt``."""
+    """The learning curves, with a mark at the epoch of ``best.pt``. All values are in the picture, also
+    those of a network that has hardly been trained."""
     epochs = [row["epoch"] for row in history]
-    # Not by pyplot, which requires a display and holds all figures in memory.
-    drawing = Figure(figsize=(8.0, 4.0), layout="constrained")
-    loss, score = drawing.subplots(1, 2)
-    loss.semilogy(epochs, [row["loss"] for row in history], color="tab:blue")
-    loss.set(xlabel="epoch", ylabel="training loss (of scaled extinction)")
-    for name, meaning, color in (
-        ("epsilon", "relative error", "tab:red"),
-        ("delta", "mass error", "tab:green"),
-    ):
-        values = [row[f"validation_{name}"] for row in history]
-        score.plot(epochs, values, color=color, label=f"{name}: {meaning}")
-    score.set(xlabel="epoch", ylabel="score on validation clouds (1)", ylim=(-0.5, 1.5))
-    score.axhline(0.0, color="black", linewidth=0.5)
     best = best_epoch(history)
-    score.axvline(best, color="black", linewidth=0.5, linestyle=":", label=f"best: epoch {best}")
-    score.legend()
-    for axes in (loss, score):
-        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    # Not by pyplot, which requires a display and holds all figures in memory.
+    drawing = Figure(figsize=(10.0, 4.0), layout="constrained")
+    axes = drawing.subplots(1, 3)
+    for panel, name, label, color in zip(
+        axes,
+        ("loss", "validation_epsilon", "validation_delta"),
+        ("training loss (of scaled extinction)", "relative error epsilon (1)", "mass error delta (1)"),
+        ("tab:blue", "tab:red", "tab:green"),
+    ):
+        panel.plot(epochs, [row[name] for row in history], color=color, marker=mark(history))
+        panel.axvline(best, color="black", linewidth=0.5, linestyle=":")
+        panel.set(xlabel="epoch", ylabel=label)
+        panel.xaxis.set_major_locator(MaxNLocator(integer=True))
+    loss, epsilon, delta = axes
+    loss.set_yscale("log")
+    epsilon.set_yscale("log")
+    # Linear where a trained network is; the delta of an untrained one may be -100.
+    delta.set_yscale("symlog", linthresh=1.0)
+    delta.axhline(0.0, color="black", linewidth=0.5)
+    epsilon.set_title(f"validation clouds; best.pt: epoch {best}", fontsize="medium")
     return drawing
+
+
+def mark(history: list[dict[str, float]]) -> str:
+    """Markers of single values, which a line alone does not show."""
+    return "o" if len(history) < 12 else ""
 
 
 def best_epoch(history: list[dict[str, float]]) -> int:

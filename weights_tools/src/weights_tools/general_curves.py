@@ -8,6 +8,7 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from weights_tools.checkpoint import write_whole
+from weights_tools.curves import mark
 
 
 def write_picture(history: list[dict[str, float]], folder: Path) -> None:
@@ -17,7 +18,7 @@ def write_picture(history: list[dict[str, float]], folder: Path) -> None:
     # Not by pyplot, which requires a display and holds all figures in memory.
     drawing = Figure(figsize=(10.0, 4.0), layout="constrained")
     loss, epsilon, delta = drawing.subplots(1, 3)
-    loss.plot(minutes, [row["loss"] for row in history], color="tab:blue")
+    loss.plot(minutes, [row["loss"] for row in history], color="tab:blue", marker=mark(history))
     loss.set(xlabel="minutes", ylabel="training loss")
     for axes, score, meaning in (
         (epsilon, "epsilon", "relative error epsilon (1)"),
@@ -26,7 +27,8 @@ def write_picture(history: list[dict[str, float]], folder: Path) -> None:
         names = [key for key in history[-1] if key.endswith(f"_{score}")]
         for name in names:
             label = name.removesuffix(f"_{score}").replace("_", "-")
-            axes.plot(minutes, [row.get(name, float("nan")) for row in history], label=label)
+            values = [row.get(name, float("nan")) for row in history]
+            axes.plot(minutes, values, label=label, marker=mark(history))
         axes.set(xlabel="minutes", ylabel=meaning)
         axes.legend()
     delta.axhline(0.0, color="black", linewidth=0.5)

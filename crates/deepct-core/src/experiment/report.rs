@@ -5,6 +5,7 @@ use crate::error::Result;
 use crate::files;
 use crate::metrics::correlation;
 use crate::plot::{BoxGroup, box_figure};
+use std::collections::BTreeSet;
 use std::fmt::Write;
 use std::path::Path;
 
@@ -36,8 +37,17 @@ pub(super) fn write(
         ("relative error \u{3b5} (%)", groups(|one| 100.0 * one.relative_error)),
         ("mass error \u{3b4} (%)", groups(|one| 100.0 * one.mass_error)),
     ];
-    box_figure(folder.join("figures/errors.png"), &panels, "Errors by method")?;
+    let title = match count_clouds(outcomes) {
+        1 => "Errors by method, 1 cloud".to_owned(),
+        count => format!("Errors by method, {count} clouds"),
+    };
+    box_figure(folder.join("figures/errors.png"), &panels, &title)?;
     files::write(&folder.join("report.md"), text(settings, outcomes))
+}
+
+fn count_clouds(outcomes: &[Outcome]) -> usize {
+    let names: BTreeSet<&str> = outcomes.iter().map(|one| one.cloud.as_str()).collect();
+    names.len()
 }
 
 /// Mean and standard deviation over the clouds.
@@ -49,11 +59,6 @@ fn mean_and_spread(values: &[f64]) -> (f64, f64) {
 }
 
 fn text(settings: &ExperimentSettings, outcomes: &[Outcome]) -> String {
-    let clouds = {
-        let mut names: Vec<&str> = outcomes.iter().map(|one| one.cloud.as_str()).collect();
-        names.dedup();
-        names
-    };
     let mut text = String::new();
     let mut line = |words: String| {
         writeln!(text, "{words}").expect("writing to a string cannot fail");
@@ -61,7 +66,7 @@ fn text(settings: &ExperimentSettings, outcomes: &[Outcome]) -> String {
     line("# Comparison of reconstruction methods\n".into());
     line(format!(
         "{} clouds, weights `{}`, sensor `{}`. Mean and standard deviation over the clouds.\n",
-        clouds.len(),
+        count_clouds(outcomes),
         settings.weights.display(),
         settings.sensor
     ));

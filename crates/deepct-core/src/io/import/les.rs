@@ -379,7 +379,9 @@ impl<'a> Simulation<'a> {
         };
         let wrong = || {
             let expected = "a unit such as g m-3, kg m-3, kg kg-1 or g kg-1";
-            water.wrong_unit(expected, "kg kg-1")
+            // "lwc" is the liquid water content of air, names with "q" are mixing ratios.
+            let is_content = leaf(&water.name).to_lowercase().contains("lwc");
+            water.wrong_unit(expected, if is_content { "g m-3" } else { "kg kg-1" })
         };
         let unit = unit.ok_or_else(wrong)?;
         let ratio = unit.is_mass_ratio();

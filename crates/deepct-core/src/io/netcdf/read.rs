@@ -380,7 +380,7 @@ impl Variable<'_> {
         let found = self.unit_text();
         let found = found.map_or("no units".into(), |text| format!("the units \"{text}\""));
         let remedy = match expected {
-            "sr-1" => "convert them: a reflectance times the cosine of the solar zenith angle over pi, a \
+            radiance if radiance.contains("sr-1") => "convert them: a reflectance times the cosine of the solar zenith angle over pi, a \
                        radiance over the solar irradiance in the same units; or state this irradiance, \
                        with its units, as the variable sun_irradiance"
                 .to_owned(),
