@@ -4,16 +4,22 @@ import json
 import math
 import os
 import pickle
+import subprocess
+from pathlib import Path
 
 import pytest
 import torch
 from conftest import saved, seasoned_network, weights_metadata
 from safetensors import safe_open
 from safetensors.torch import load_file
+from test_files import DEEPCT
 
 from weights_tools.__main__ import main
 from weights_tools.errors import InputError
 from weights_tools.export import METADATA_KEYS, export, folded_layers
+
+TRAINING = {"data": "none", "identity": "none", "samples": 0, "seed": 0}
+WEIGHTS = Path(__file__).parents[2] / "crates/deepct-core/weights"
 
 
 @pytest.mark.parametrize("wrapped", [False, True])
@@ -179,3 +185,95 @@ def test_unbiased_weights_have_the_total_of_their_validation_clouds(tmp_path, ca
     with pytest.raises(SystemExit):
         main([*command, "--unbiased", "1.5"])
     assert "from 0 to 1" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        (
+            {"training": {}},
+            "has no metadata training.data, training.identity, training.samples, training.seed; ",
+        ),
+        ({"levels": {"count": 4}}, "has no metadata levels.bottom_km, levels.spacing_km; "),
+        ({"view_geometry": {}}, "has no metadata view_geometry.pixel_km, "),
+        ({"training": "bomex"}, "its training is 'bomex'; give an object"),
+        ({"training": {**TRAINING, "data": 1}}, "its training.data is 1; "),
+        ({"input_scale": "10"}, "its input_scale is '10'; give --metadata in which it is of kind"),
+        ({"training": {**TRAINING, "top": 2}}, "unknown metadata training.top; "),
+        ({"scores": None}, "its scores is None; "),
+    ],
+)
+def test_incomplete_parts_of_the_metadata_are_refused_by_name(tmp_path, changes, message):
+    checkpoint = saved(tmp_path / "network.pt", seasoned_network([3, 4]), False)
+    with pytest.raises(InputError) as error:
+        export(checkpoint, tmp_path / "w.safetensors", {**weights_metadata(3, 4), **changes})
+    assert message in str(error.value) and "\n" not in str(error.value)
+    assert not (tmp_path / "w.safetensors").exists()
+
+
+@pytest.mark.parametrize("name", ["cloudct-10", "general"])
+def test_what_deepct_prints_of_weights_is_metadata(tmp_path, capsys, name):
+    """The output of ``deepct weights inspect --json`` exports the same file again."""
+    if name == "general":
+        network, first = WEIGHTS / "general.safetensors", []
+    else:
+        network = saved(tmp_path / "network.pt", seasoned_network([3, 6, 4]), False)
+        metadata = weights_metadata(3, 4)
+        metadata["view_geometry"]["camera_distance_km"] = [600.0, 700.0, None]
+        (tmp_path / "metadata.json").write_text(json.dumps(metadata))
+        first = ["--metadata", str(tmp_path / "metadata.json")]
+    one, other = tmp_path / "one.safetensors", tmp_path / "other.safetensors"
+    assert main(["export", str(network), "--out", str(one), *first]) == 0
+    command = [DEEPCT, "weights", "inspect", str(one), "--json"]
+    found = subprocess.run(command, check=True, capture_output=True, text=True).stdout
+    (tmp_path / "printed.json").write_text(found)
+    printed = ["--metadata", str(tmp_path / "printed.json")]
+    assert main(["export", str(network), "--out", str(other), *printed]) == 0
+    headers = []
+    for path in (one, other):
+        with safe_open(path, "pt") as file:
+            headers.append(json.loads(file.metadata()["deepct"]))
+    assert headers[0] == headers[1]
+    for key, values in load_file(one).items():
+        assert torch.equal(values, load_file(other)[key])
+    capsys.readouterr()
+
+
+@pytest.mark.parametrize("prefix", ["", "model.", "network.module."])
+def test_checkpoints_of_lightning_are_found(tmp_path, prefix):
+    network = seasoned_network([3, 6, 4])
+    state = {f"{prefix}{name}": values for name, values in network.state_dict().items()}
+    lightning = {"epoch": 3, "global_step": 7, "pytorch-lightning_version": "2.4.0"}
+    torch.save({**lightning, "state_dict": state, "optimizer_states": []}, tmp_path / "last.ckpt")
+    export(tmp_path / "last.ckpt", tmp_path / "w.safetensors", weights_metadata(3, 4))
+    for name, values in folded_layers(network).items():
+        assert torch.equal(load_file(tmp_path / "w.safetensors")[name], values)
+
+
+def test_a_stack_of_other_layers_is_refused_with_the_one_that_is_needed(tmp_path):
+    state = seasoned_network([3, 6, 4]).state_dict()
+    plain = {name: values for name, values in state.items() if ".1.body.1." not in name}
+    bare = {name: values for name, values in state.items() if name != "net.body.0.body.0.bias"}
+    renamed = {f"layers.{name}": values for name, values in plain.items() if "running" in name}
+    needed = "every layer, the last one too, must be a Conv2d of 3 x 3 pixels with a bias "
+    for wrong, problem in [
+        (plain, "layer 1 has no batch normalisation (net.body.1.body.1); "),
+        (bare, "net.body.0.body.0.bias"),
+        (renamed, "has no parameter named net.body.0.body.0.weight; "),
+    ]:
+        torch.save(wrong, tmp_path / "network.pt")
+        with pytest.raises(InputError) as error:
+            export(tmp_path / "network.pt", tmp_path / "w.safetensors", weights_metadata(3, 4))
+        message = str(error.value)
+        assert problem in message and needed in message and "\n" not in message
+
+
+def test_a_missing_folder_is_named_and_no_temporary_file(tmp_path, capsys):
+    checkpoint = saved(tmp_path / "network.pt", seasoned_network([3, 4]), False)
+    (tmp_path / "metadata.json").write_text(json.dumps(weights_metadata(3, 4)))
+    out = tmp_path / "missing" / "w.safetensors"
+    options = ["--metadata", str(tmp_path / "metadata.json")]
+    assert main(["export", str(checkpoint), "--out", str(out), *options]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert f"{out}: is to be in the folder {out.parent}, which does not exist; create" in line
+    assert ".tmp" not in line

@@ -1,11 +1,9 @@
 //! The files that a command line names: outputs over its own inputs or over files of other programs, and
 //! incomplete inputs.
 
-use deepct_core::io::{incomplete, is_own_file};
+use deepct_core::io::{incomplete, is_replaceable};
 use deepct_core::{Error, Result};
 use std::ffi::{OsStr, OsString};
-use std::fs::File;
-use std::io::Read;
 use std::path::{Path, PathBuf};
 
 /// Options whose value is a file to write.
@@ -67,39 +65,11 @@ pub(crate) fn check_outputs(
 /// Returns an error if a file at `path`, which `option` names, would be lost: one that deepct did not
 /// write.
 pub(crate) fn check_origin(path: &Path, option: &str, force: bool) -> Result<()> {
-    if force || !path.is_file() || is_own(path) {
+    if force || is_replaceable(path) {
         return Ok(());
     }
     let problem = "exists and is not a file that deepct wrote there before";
     Err(Error::file(path, option, problem, "give another name, or --force to replace it"))
-}
-
-/// The first bytes of formats in which files do not state their origin.
-const SIGNATURES: [(&str, &[u8]); 8] = [
-    ("html", b"<!DOCTYPE html>\n<!-- deepct -->"),
-    ("png", b"\x89PNG"),
-    ("exr", b"\x76\x2f\x31\x01"),
-    ("tif", b"II"),
-    ("npz", b"PK"),
-    ("vol", b"VOL"),
-    ("vti", b"<?xml"),
-    ("mat", b"MATLAB 5.0"),
-];
-
-/// Whether a file is empty, was written by deepct or has the format that deepct would write.
-fn is_own(path: &Path) -> bool {
-    let is_empty = path.metadata().is_ok_and(|found| found.len() == 0);
-    let ending = path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
-    let signature = SIGNATURES.iter().find(|(name, _)| *name == ending);
-    is_empty
-        || match signature {
-            None => is_own_file(path),
-            Some((_, expected)) => {
-                let mut start = vec![0; expected.len()];
-                let read = File::open(path).and_then(|mut file| file.read_exact(&mut start));
-                read.is_ok() && start == *expected
-            }
-        }
 }
 
 /// Whether two paths are those of one file.

@@ -1,6 +1,7 @@
 //! Conversion of array arguments and results: NumPy arrays, objects that NumPy can convert to an
 //! array, xarray objects, and objects of this module that contain the array.
 
+use crate::exchange::is_dataset;
 use crate::grid::Grid;
 use deepct_core::grid;
 use deepct_core::image::first_of_padded;
@@ -11,9 +12,10 @@ use numpy::{IntoPyArray, PyArray3, PyArrayMethods};
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList, PySlice, PyTuple};
+use std::path::PathBuf;
 
 /// The axes of a volume.
-const VOLUME: [&str; 3] = ["z", "y", "x"];
+pub(crate) const VOLUME: [&str; 3] = ["z", "y", "x"];
 /// The axes of a stack of images.
 const IMAGES: [&str; 3] = ["view", "row", "col"];
 
@@ -84,26 +86,17 @@ pub(crate) fn mask(object: &Bound<'_, PyAny>, name: &str) -> PyResult<Placed<boo
 }
 
 impl<T> Placed<T> {
+    /// Values on a grid, of the argument `name`.
+    pub(crate) fn new(grid: grid::Grid, values: Array3<T>, name: &str) -> Self {
+        Self { values, grid: Some(grid), name: name.to_owned() }
+    }
+
     /// The grid of the values: the given one, or that which the argument states.
     ///
     /// # Errors
     /// `ValueError` if the two contradict each other, or if there is none.
     pub(crate) fn grid(&self, given: Option<grid::Grid>) -> PyResult<grid::Grid> {
-        let name = &self.name;
-        match (given, self.grid) {
-            (Some(given), Some(own)) if !given.matches(&own) => {
-                Err(PyValueError::new_err(format!(
-                    "{name} is on another grid than the one expected: its coordinates are those of \
-                     {}, but {} is expected",
-                    described(&own),
-                    described(&given)
-                )))
-            }
-            (Some(grid), _) | (None, Some(grid)) => Ok(grid),
-            (None, None) => Err(PyValueError::new_err(format!(
-                "grid is missing: give it, or {name} as an object with coordinates"
-            ))),
-        }
+        agreed(&self.name, given, self.grid)
     }
 
     /// The values, which must be on the given grid if the argument states one.
@@ -113,6 +106,29 @@ impl<T> Placed<T> {
     pub(crate) fn on(self, grid: grid::Grid) -> PyResult<Array3<T>> {
         self.grid(Some(grid))?;
         Ok(self.values)
+    }
+}
+
+/// The grid of an argument: the given one, or its own.
+///
+/// # Errors
+/// `ValueError` if the two contradict each other, or if there is none.
+pub(crate) fn agreed(
+    name: &str,
+    given: Option<grid::Grid>,
+    own: Option<grid::Grid>,
+) -> PyResult<grid::Grid> {
+    match (given, own) {
+        (Some(given), Some(own)) if !given.matches(&own) => Err(PyValueError::new_err(format!(
+            "{name} is on another grid than the one expected: its coordinates are those of {}, but {} \
+             is expected",
+            described(&own),
+            described(&given)
+        ))),
+        (Some(grid), _) | (None, Some(grid)) => Ok(grid),
+        (None, None) => Err(PyValueError::new_err(format!(
+            "grid is missing: give it, or {name} as an object with coordinates"
+        ))),
     }
 }
 
@@ -139,8 +155,15 @@ impl<'py> Argument<'py> {
             "mask" | "effective_radius" | "radiance" | "standard_error" | "saturated" => name,
             _ => "extinction",
         };
-        let grid = object.getattr("grid").and_then(|grid| Ok(grid.extract::<Grid>()?));
-        if let Ok(Grid(grid)) = grid {
+        if object.extract::<PathBuf>().is_ok() {
+            return Err(PyTypeError::new_err(format!(
+                "{name} is \"{object}\", the name of a file, but must be an array: read the file before, \
+                 for example with deepct_py.read_cloud, and give the array of the object"
+            )));
+        }
+        let grid = object.getattr("grid").and_then(|grid| Ok(grid.cast_into::<Grid>()?));
+        if let Ok(grid) = grid {
+            let Grid(grid) = *grid.get();
             let values = object.getattr(part).map_err(|_| {
                 let found = object.get_type();
                 PyTypeError::new_err(format!("{name} is of {found}, which has no {part}"))
@@ -150,7 +173,7 @@ impl<'py> Argument<'py> {
             }
             return Ok(Self { values, grid: Some(grid), axes });
         }
-        let object = match object.hasattr("data_vars")? {
+        let object = match is_dataset(object)? {
             true => object.get_item(part)?,
             false => object.clone(),
         };
@@ -321,6 +344,18 @@ fn in_order<'py>(
     if found != axes {
         object = object.call_method1("transpose", PyTuple::new(object.py(), axes)?)?;
     }
+    ascending(object, name, axes)
+}
+
+/// An xarray object whose coordinates along the given axes ascend: one with descending ones is turned.
+///
+/// # Errors
+/// `ValueError` if the coordinates neither ascend nor descend.
+pub(crate) fn ascending<'py>(
+    mut object: Bound<'py, PyAny>,
+    name: &str,
+    axes: [&str; 3],
+) -> PyResult<Bound<'py, PyAny>> {
     for axis in axes {
         let Some(values) = coordinate(&object, axis)? else { continue };
         let steps = || values.windows(2).map(|pair| pair[1] - pair[0]);
@@ -431,11 +466,12 @@ fn stated_grid(object: &Bound<'_, PyAny>, name: &str) -> PyResult<Option<grid::G
 /// # Errors
 /// `ValueError` if it has none.
 pub(crate) fn grid_of(object: &Bound<'_, PyAny>) -> PyResult<grid::Grid> {
-    let object = match object.hasattr("data_vars")? {
+    let object = match is_dataset(object)? {
         true => object.getattr("coords")?.call_method0("to_dataset")?,
         false => object.clone(),
     };
-    stated_grid(&object, "the object")?.ok_or_else(|| {
+    let name = "the object";
+    stated_grid(&ascending(object, name, VOLUME)?, name)?.ok_or_else(|| {
         PyValueError::new_err(
             "the object has no grid: it needs coordinates z, y and x of the voxel centres, at least \
              two along each axis",

@@ -3,9 +3,10 @@
 use crate::array::{copied, give};
 use crate::compute::interruptibly;
 use crate::error::raise;
-use crate::exchange::{dataset, provenance, through_file, warn_of_incomplete, write};
+use crate::exchange::{dataset, provenance, through_field, warn_of_incomplete, write};
 use crate::grid::Grid;
 use crate::light::{Light, warn};
+use crate::lineage::Lineage;
 use crate::observation::{Given, observation};
 use crate::record::{Record, attributes, record};
 use crate::view::ViewSequence;
@@ -28,6 +29,8 @@ use std::path::PathBuf;
 ///     True in the voxels that may contain cloud.
 /// thresholds : array, [view], optional
 ///     The radiance (1/sr) above which a pixel of each view was classified as cloudy.
+/// lineage : Lineage, optional
+///     Its time and history. Default: unknown.
 #[pyclass(frozen, module = "deepct_py")]
 pub(crate) struct Carved {
     /// The grid of the mask.
@@ -41,50 +44,72 @@ pub(crate) struct Carved {
     /// float32, [view]; None if it is unknown.
     #[pyo3(get)]
     thresholds: Option<Py<PyArray1<f32>>>,
+    /// Its time and history.
+    #[pyo3(get)]
+    lineage: Lineage,
 }
 
 record!(Carved);
 
 impl Record for Carved {
     fn arguments<'py>(of: &Bound<'py, Self>) -> PyResult<Bound<'py, PyDict>> {
-        attributes(of.as_any(), &["grid", "mask", "thresholds"])
+        attributes(of.as_any(), &["grid", "mask", "thresholds", "lineage"])
     }
 }
 
 #[pymethods]
 impl Carved {
     #[new]
-    #[pyo3(signature = (grid, mask, thresholds = None))]
-    fn new(grid: Grid, mask: &Bound<'_, PyAny>, thresholds: Option<Vec<f32>>) -> PyResult<Self> {
+    #[pyo3(signature = (grid, mask, thresholds = None, *, lineage = None))]
+    fn new(
+        grid: Grid,
+        mask: &Bound<'_, PyAny>,
+        thresholds: Option<Vec<f32>>,
+        lineage: Option<Lineage>,
+    ) -> PyResult<Self> {
         let py = mask.py();
         let values = crate::array::mask(mask, "mask")?.on(grid.0)?;
         let mask = Mask::new(grid.0, values).map_err(raise)?;
-        Ok(Self::give(py, mask, thresholds.map(|values| values.to_pyarray(py).unbind())))
+        let thresholds = thresholds.map(|values| values.to_pyarray(py).unbind());
+        Ok(Self::give(py, mask, thresholds, lineage.unwrap_or_default()))
     }
 
-    /// The mask in a data set of xarray with the variable `mask`.
+    /// The mask in a data set of xarray with the variable `mask`. Coordinates may descend.
     #[staticmethod]
     fn from_dataset(dataset: &Bound<'_, PyAny>) -> PyResult<Self> {
         let py = dataset.py();
-        through_file(dataset, |path| read_mask(py, path.into()))
+        through_field(dataset, "", |path| read_mask(py, path.into()))
     }
 
-    /// Write a netCDF file that all commands and `read_mask` read. The thresholds are not in it.
-    #[pyo3(signature = (path, *, title = "Voxels that may contain cloud"))]
-    fn to_netcdf(&self, py: Python<'_>, path: PathBuf, title: &str) -> PyResult<()> {
+    /// Write a netCDF file that all commands and `read_mask` read. The thresholds are not in it. A file
+    /// that deepct did not write is replaced only with `overwrite`.
+    #[pyo3(signature = (path, *, title = "Voxels that may contain cloud", overwrite = false))]
+    fn to_netcdf(
+        &self,
+        py: Python<'_>,
+        path: PathBuf,
+        title: &str,
+        overwrite: bool,
+    ) -> PyResult<()> {
         let mask = Mask::new(self.grid.0, copied(py, &self.mask)?).map_err(raise)?;
-        write(py, &path, |path| io::write_mask(path, &mask, &provenance(title)))
+        let provenance = provenance(title, &self.lineage);
+        write(py, &path, overwrite, |path| io::write_mask(path, &mask, &provenance))
     }
 
     /// The mask as a data set of xarray, with the variable of a file of a mask.
     fn to_xarray<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        dataset(py, |path| self.to_netcdf(py, path.into(), "Voxels that may contain cloud"))
+        dataset(py, |path| self.to_netcdf(py, path.into(), "Voxels that may contain cloud", false))
     }
 }
 
 impl Carved {
-    fn give(py: Python<'_>, mask: Mask, thresholds: Option<Py<PyArray1<f32>>>) -> Self {
-        Self { grid: Grid(mask.grid), mask: give(py, mask.values), thresholds }
+    fn give(
+        py: Python<'_>,
+        mask: Mask,
+        thresholds: Option<Py<PyArray1<f32>>>,
+        lineage: Lineage,
+    ) -> Self {
+        Self { grid: Grid(mask.grid), mask: give(py, mask.values), thresholds, lineage }
     }
 }
 
@@ -100,7 +125,7 @@ impl Carved {
 pub(crate) fn read_mask(py: Python<'_>, path: PathBuf) -> PyResult<Carved> {
     warn_of_incomplete(py, &path)?;
     let mask = py.detach(|| io::read_mask(&path)).map_err(raise)?;
-    Ok(Carved::give(py, mask, None))
+    Ok(Carved::give(py, mask, None, Lineage(io::read_lineage(&path))))
 }
 
 /// Carve a cloud mask from images: keep the voxels that a sufficient fraction of the views see
@@ -111,12 +136,12 @@ pub(crate) fn read_mask(py: Python<'_>, path: PathBuf) -> PyResult<Carved> {
 ///
 /// Parameters
 /// ----------
-/// radiance : Observation, or array [view, row, col]
+/// radiance : Observation, array [view, row, col], str or path
 ///     Images (1/sr).
 /// views : Views or sequence of View, optional
 ///     The camera geometry of each image, unless the images are an observation.
-/// grid : Grid
-///     The grid of the mask.
+/// grid : Grid, object or path
+///     The grid of the mask: a `Grid`, an object that has one, such as a `Cloud`, or a file with one.
 /// threshold : float, optional
 ///     A pixel is cloudy above this radiance (1/sr). By default the threshold of each view is derived
 ///     from the distributions of the radiances of all images.
@@ -168,6 +193,7 @@ pub(crate) fn carve<'py>(
     let py = radiance.py();
     let defaults = CarveSettings::default();
     let settings = CarveSettings { threshold, agreement: agreement.unwrap_or(defaults.agreement) };
+    let lineage = Lineage::after(radiance, "carve")?;
     let Grid(grid) = grid.ok_or_else(|| PyTypeError::new_err("grid is missing"))?;
     let given = Given { views, light: None, standard_error, saturated };
     let observation = observation(radiance, given, |images| {
@@ -182,5 +208,5 @@ pub(crate) fn carve<'py>(
         warn(py, &warning)?;
     }
     let thresholds = carved.thresholds.to_pyarray(py).unbind();
-    Ok(Carved::give(py, carved.mask, Some(thresholds)))
+    Ok(Carved::give(py, carved.mask, Some(thresholds), lineage))
 }

@@ -2,10 +2,11 @@
 
 use crate::array::{copied, give, volume};
 use crate::compute::{interruptibly, quickly};
-use crate::error::raise;
-use crate::exchange::{dataset, provenance, through_file, write};
+use crate::error::{in_python, raise};
+use crate::exchange::{dataset, is_dataset, provenance, through_field, through_file, write};
 use crate::grid::Grid;
 use crate::light::warn;
+use crate::lineage::Lineage;
 use crate::number::{point, sizes, whole, whole_if_given};
 use crate::record::{Record, attributes, record};
 use deepct_core::cloud::{self, CumulusSettings, FieldSettings, Microphysics, cumulus, field};
@@ -36,6 +37,8 @@ use std::path::{Path, PathBuf};
 ///     Effective radius of the droplets (um), required with the liquid water content.
 /// effective_variance : array, [z, y, x], optional
 ///     Effective variance of the droplet size distribution (1). Default: 0.1.
+/// lineage : Lineage, optional
+///     Its time and history. Default: unknown.
 ///
 /// Raises
 /// ------
@@ -70,6 +73,9 @@ pub(crate) struct Cloud {
     effective_variance: Option<Py<PyArray3<f32>>>,
     /// Whether the extinction was given, rather than computed from the droplets.
     is_extinction_given: bool,
+    /// Its time and history.
+    #[pyo3(get)]
+    lineage: Lineage,
 }
 
 record!(Cloud);
@@ -78,7 +84,8 @@ impl Record for Cloud {
     fn arguments<'py>(of: &Bound<'py, Self>) -> PyResult<Bound<'py, PyDict>> {
         let droplets = ["liquid_water_content", "effective_radius", "effective_variance"];
         let given = of.get().is_extinction_given.then_some("extinction");
-        let names: Vec<&str> = ["grid"].into_iter().chain(given).chain(droplets).collect();
+        let names: Vec<&str> =
+            ["grid", "lineage"].into_iter().chain(given).chain(droplets).collect();
         attributes(of.as_any(), &names)
     }
 
@@ -93,7 +100,7 @@ impl Cloud {
     #[new]
     #[pyo3(signature = (
         grid, *, extinction = None, liquid_water_content = None, effective_radius = None,
-        effective_variance = None,
+        effective_variance = None, lineage = None,
     ))]
     fn new(
         py: Python<'_>,
@@ -102,6 +109,7 @@ impl Cloud {
         liquid_water_content: Option<&Bound<'_, PyAny>>,
         effective_radius: Option<&Bound<'_, PyAny>>,
         effective_variance: Option<&Bound<'_, PyAny>>,
+        lineage: Option<Lineage>,
     ) -> PyResult<Self> {
         let values = |object: Option<&Bound<'_, PyAny>>, name| {
             object.map(|object| volume(object, name)?.on(grid.0)).transpose()
@@ -124,27 +132,36 @@ impl Cloud {
                 return Err(PyTypeError::new_err(problem));
             }
         };
-        Self::give(py, assembled(grid, extinction, droplets).map_err(raise)?)
+        let cloud = assembled(grid, extinction, droplets).map_err(raise)?;
+        Self::give(py, cloud, lineage.unwrap_or_default())
     }
 
     /// The cloud in a data set of xarray with the variables of a file of a cloud: `lwc`, `reff` and
-    /// `veff`, or `extinction`, or all of them.
+    /// `veff`, or `extinction`, or all of them. Coordinates may descend.
     #[staticmethod]
-    fn from_dataset(dataset: &Bound<'_, PyAny>) -> PyResult<Self> {
+    pub(crate) fn from_dataset(dataset: &Bound<'_, PyAny>) -> PyResult<Self> {
         let py = dataset.py();
-        through_file(dataset, |path| read_cloud(py, path.into(), false))
+        through_field(dataset, "", |path| read_cloud(py, path.into(), false))
     }
 
-    /// Write a netCDF file that all commands and `read_cloud` read.
-    #[pyo3(signature = (path, *, title = "Cloud"))]
-    fn to_netcdf(&self, py: Python<'_>, path: PathBuf, title: &str) -> PyResult<()> {
+    /// Write a netCDF file that all commands and `read_cloud` read. A file that deepct did not write is
+    /// replaced only with `overwrite`.
+    #[pyo3(signature = (path, *, title = "Cloud", overwrite = false))]
+    fn to_netcdf(
+        &self,
+        py: Python<'_>,
+        path: PathBuf,
+        title: &str,
+        overwrite: bool,
+    ) -> PyResult<()> {
         let cloud = self.core(py)?;
-        write(py, &path, |path| io::write_cloud(path, &cloud, &provenance(title)))
+        let provenance = provenance(title, &self.lineage);
+        write(py, &path, overwrite, |path| io::write_cloud(path, &cloud, &provenance))
     }
 
     /// The cloud as a data set of xarray, with the variables of a file of a cloud.
     fn to_xarray<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        dataset(py, |path| self.to_netcdf(py, path.into(), "Cloud"))
+        dataset(py, |path| self.to_netcdf(py, path.into(), "Cloud", false))
     }
 }
 
@@ -167,7 +184,7 @@ fn assembled(
 
 impl Cloud {
     /// The cloud of the library as an object of Python.
-    fn give(py: Python<'_>, cloud: cloud::Cloud) -> PyResult<Self> {
+    fn give(py: Python<'_>, cloud: cloud::Cloud, lineage: Lineage) -> PyResult<Self> {
         let extinction = extinction(&cloud).map_err(raise)?;
         let is_extinction_given = cloud.extinction.is_some();
         let [water, radius, variance] = match cloud.microphysics {
@@ -186,6 +203,7 @@ impl Cloud {
             effective_radius: radius,
             effective_variance: variance,
             is_extinction_given,
+            lineage,
         })
     }
 
@@ -241,7 +259,7 @@ pub(crate) fn read_cloud(
     for warning in warnings {
         warn(py, &warning)?;
     }
-    Cloud::give(py, cloud)
+    Cloud::give(py, cloud, Lineage(io::read_lineage(&path)))
 }
 
 /// Import a large-eddy simulation (netCDF), arrays of NumPy, MATLAB, Mitsuba, VTK or a pickle, or a text
@@ -345,19 +363,26 @@ pub(crate) fn import_cloud(
         allow_implausible,
     };
     let py = path.py();
-    let import = |path: &Path| quickly(py, || io::import::import_cloud(path, &settings));
-    let (cloud, report) = match path.hasattr("data_vars")? {
-        true => through_file(path, import)?,
-        false => import(&path.extract::<PathBuf>()?)?,
-    };
+    if is_dataset(path)? {
+        return through_file(path, "", |file| import(py, file, "", &settings));
+    }
+    let path: PathBuf = path.extract()?;
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    import(py, &path, &format!("{name} "), &settings)
+}
+
+/// Imports a cloud, and warns and logs what is to be known of it.
+fn import(py: Python<'_>, path: &Path, name: &str, settings: &ImportSettings) -> PyResult<Cloud> {
+    let (cloud, report) = quickly(py, || io::import::import_cloud(path, settings))?;
     for warning in report.warnings {
         warn(py, &warning)?;
     }
     let logger = py.import("logging")?.call_method1("getLogger", ("deepct_py",))?;
     for taken in report.taken {
-        logger.call_method1("info", ("%s", taken))?;
+        logger.call_method1("info", ("%s", in_python(&taken)))?;
     }
-    Cloud::give(py, cloud)
+    let line = format!("cloud import {name}--time {}", settings.time);
+    Cloud::give(py, cloud, Lineage(report.lineage.then(&line)))
 }
 
 fn order(given: &str) -> PyResult<Axes> {
@@ -438,7 +463,7 @@ pub(crate) fn generate_cloud(
             )));
         }
     };
-    Cloud::give(py, cloud)
+    Cloud::give(py, cloud, Lineage::default())
 }
 
 /// Settings from keyword arguments; settings that are not given have their defaults.

@@ -1,8 +1,9 @@
-//! Conversion of library errors to Python exceptions.
+//! Conversion of library errors to Python exceptions, and of its messages to the words of Python.
 
+use crate::exchange::named;
 use deepct_core::Error;
-use pyo3::PyErr;
 use pyo3::exceptions::{PyOSError, PyValueError};
+use pyo3::prelude::*;
 
 pyo3::create_exception!(
     deepct_py,
@@ -17,7 +18,7 @@ pyo3::create_exception!(
 pub(crate) fn raise(error: Error) -> PyErr {
     match error {
         Error::OutOfRange { .. } | Error::Mismatch { .. } => {
-            PyValueError::new_err(error.to_string())
+            PyValueError::new_err(in_python(&error.to_string()))
         }
         Error::Io { path, source } => match source.raw_os_error() {
             Some(number) => {
@@ -28,6 +29,16 @@ pub(crate) fn raise(error: Error) -> PyErr {
             }
             None => PyOSError::new_err(format!("{}: {source}", path.display())),
         },
-        _ => DeepctError::new_err(error.to_string()),
+        _ => DeepctError::new_err(in_python(&error.to_string())),
     }
+}
+
+/// A message of the library, which names options of the command line and temporary files, with the
+/// arguments of Python in their place.
+pub(crate) fn in_python(text: &str) -> String {
+    let text = named(text);
+    let rewritten = Python::attach(|py| {
+        py.import("deepct_py._words")?.call_method1("in_python", (&text,))?.extract()
+    });
+    rewritten.unwrap_or(text)
 }

@@ -1,13 +1,15 @@
 //! `Estimate`: an extinction field with its uncertainty, by a network or from a file.
 
-use crate::array::{copied, give, volume};
+use crate::array::{Placed, copied, give, volume};
 use crate::error::raise;
-use crate::exchange::{dataset, provenance, through_file, warn_of_incomplete, write};
+use crate::exchange::{dataset, provenance, through_field, warn_of_incomplete, write};
+use crate::field;
 use crate::grid::Grid;
 use crate::light::Light;
+use crate::lineage::Lineage;
 use crate::record::{Record, attributes, record};
 use deepct_core::grid::Volume;
-use deepct_core::{io, network};
+use deepct_core::{io, network, scene};
 use numpy::PyArray3;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -20,11 +22,13 @@ use std::path::PathBuf;
 /// grid : Grid
 ///     The grid of the arrays.
 /// extinction : array, [z, y, x]
-///     Extinction (1/km).
+///     Extinction (1/km). That of the droplets of a `Cloud` is the one in the `light`.
 /// uncertainty : array, [z, y, x], optional
 ///     Expected absolute error of the extinction of each voxel (1/km).
 /// light : Light, optional
 ///     Scene illumination of the images.
+/// lineage : Lineage, optional
+///     Its time and history. Default: unknown.
 #[pyclass(frozen, module = "deepct_py")]
 pub(crate) struct Estimate {
     /// The grid of the arrays.
@@ -40,73 +44,96 @@ pub(crate) struct Estimate {
     /// Scene illumination of the images; None if it is unknown.
     #[pyo3(get)]
     light: Option<Light>,
+    /// Its time and history.
+    #[pyo3(get)]
+    lineage: Lineage,
 }
 
 record!(Estimate);
 
 impl Record for Estimate {
     fn arguments<'py>(of: &Bound<'py, Self>) -> PyResult<Bound<'py, PyDict>> {
-        attributes(of.as_any(), &["grid", "extinction", "uncertainty", "light"])
+        attributes(of.as_any(), &["grid", "extinction", "uncertainty", "light", "lineage"])
     }
 }
 
 #[pymethods]
 impl Estimate {
     #[new]
-    #[pyo3(signature = (grid, extinction, uncertainty = None, light = None))]
+    #[pyo3(signature = (grid, extinction, uncertainty = None, light = None, *, lineage = None))]
     fn new(
         grid: Grid,
         extinction: &Bound<'_, PyAny>,
         uncertainty: Option<&Bound<'_, PyAny>>,
         light: Option<Light>,
+        lineage: Option<Lineage>,
     ) -> PyResult<Self> {
-        let values = |object: &Bound<'_, PyAny>, name| {
-            let values = Volume::new(grid.0, volume(object, name)?.on(grid.0)?).map_err(raise)?;
+        let py = extinction.py();
+        let in_light =
+            light.as_ref().map_or_else(scene::Light::default, |light| light.core.clone());
+        let values = |placed: Placed<f32>, name| {
+            let values = Volume::new(grid.0, placed.on(grid.0)?).map_err(raise)?;
             values.check_non_negative(name).map_err(raise)?;
             Ok::<_, PyErr>(values)
         };
-        let extinction_values = values(extinction, "extinction")?;
-        let uncertainty = uncertainty.map(|object| values(object, "uncertainty")).transpose()?;
-        let estimate = network::Estimate { extinction: extinction_values, uncertainty };
-        Ok(Self::give(extinction.py(), estimate, light))
+        let name = "extinction";
+        let extinction = values(field::extinction(extinction, name, &in_light)?, name)?;
+        let name = "uncertainty";
+        let uncertainty = uncertainty.map(|object| values(volume(object, name)?, name));
+        let estimate = network::Estimate { extinction, uncertainty: uncertainty.transpose()? };
+        Ok(Self::give(py, estimate, light, lineage.unwrap_or_default()))
     }
 
     /// The extinction in a data set of xarray with the variables of a file of a volume: `extinction`
-    /// and, if it is known, `uncertainty`.
+    /// and, if it is known, `uncertainty`. Coordinates may descend.
     #[staticmethod]
     fn from_dataset(dataset: &Bound<'_, PyAny>) -> PyResult<Self> {
         let py = dataset.py();
-        through_file(dataset, |path| read_volume(py, path.into()))
+        through_field(dataset, "", |path| read_volume(py, path.into()))
     }
 
-    /// Write a netCDF file that all commands and `read_volume` read.
-    #[pyo3(signature = (path, *, title = "Extinction"))]
-    fn to_netcdf(&self, py: Python<'_>, path: PathBuf, title: &str) -> PyResult<()> {
+    /// Write a netCDF file that all commands and `read_volume` read. A file that deepct did not write is
+    /// replaced only with `overwrite`.
+    #[pyo3(signature = (path, *, title = "Extinction", overwrite = false))]
+    fn to_netcdf(
+        &self,
+        py: Python<'_>,
+        path: PathBuf,
+        title: &str,
+        overwrite: bool,
+    ) -> PyResult<()> {
         let on_grid = |values| Volume::new(self.grid.0, copied(py, values)?).map_err(raise);
         let estimate = network::Estimate {
             extinction: on_grid(&self.extinction)?,
             uncertainty: self.uncertainty.as_ref().map(on_grid).transpose()?,
         };
         let images = self.light.as_ref().map(Light::of_no_images);
-        write(py, &path, |path| {
-            io::write_estimate(path, &estimate, images.as_ref(), &provenance(title))
+        let provenance = provenance(title, &self.lineage);
+        write(py, &path, overwrite, |path| {
+            io::write_estimate(path, &estimate, images.as_ref(), &provenance)
         })
     }
 
     /// The extinction as a data set of xarray, with the variables of a file of a volume.
     fn to_xarray<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        dataset(py, |path| self.to_netcdf(py, path.into(), "Extinction"))
+        dataset(py, |path| self.to_netcdf(py, path.into(), "Extinction", false))
     }
 }
 
 impl Estimate {
     /// The estimate of the library as an object of Python.
-    pub(crate) fn give(py: Python<'_>, estimate: network::Estimate, light: Option<Light>) -> Self {
+    pub(crate) fn give(
+        py: Python<'_>,
+        estimate: network::Estimate,
+        light: Option<Light>,
+        lineage: Lineage,
+    ) -> Self {
         Self {
             grid: Grid(estimate.extinction.grid),
             extinction: give(py, estimate.extinction.values),
             uncertainty: estimate.uncertainty.map(|values| give(py, values.values)),
             light,
+            lineage,
         }
     }
 
@@ -129,5 +156,5 @@ impl Estimate {
 pub(crate) fn read_volume(py: Python<'_>, path: PathBuf) -> PyResult<Estimate> {
     warn_of_incomplete(py, &path)?;
     let estimate = py.detach(|| io::read_estimate(&path)).map_err(raise)?;
-    Ok(Estimate::give(py, estimate, Light::read(&path)?))
+    Ok(Estimate::give(py, estimate, Light::read(&path)?, Lineage(io::read_lineage(&path))))
 }

@@ -1,23 +1,26 @@
 //! Exchange with files and with xarray, whose data sets have the names, coordinates, units and attributes
 //! of the files: they are written to a temporary file and read from it.
 
+use crate::array::{VOLUME, ascending};
 use crate::error::raise;
 use crate::light::warn;
+use crate::lineage::Lineage;
 use deepct_core::Result;
 use deepct_core::io::{self, Provenance};
-use pyo3::exceptions::PyOSError;
+use pyo3::exceptions::{PyFileExistsError, PyOSError};
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 use pyo3::types::{PyDict, PyEllipsis, PyString, PyTuple};
+use std::cell::RefCell;
 use std::path::Path;
 
 /// What a file written by this module records about itself.
-pub(crate) fn provenance(title: &str) -> Provenance {
+pub(crate) fn provenance(title: &str, lineage: &Lineage) -> Provenance {
     Provenance {
         title: title.into(),
         configuration: String::new(),
         seed: 0,
-        ..Provenance::default()
+        lineage: lineage.0.clone(),
     }
 }
 
@@ -30,8 +33,18 @@ pub(crate) fn dataset<'py>(
     let folder = temporary()?;
     let path = folder.path().join("data.nc");
     write(&path)?;
-    // Without the encoding, which names the temporary file.
-    xarray.call_method1("load_dataset", (path,))?.call_method0("drop_encoding")
+    let loaded = xarray.call_method1("load_dataset", (path,))?;
+    // Without the encoding, which names the temporary file, but with that of the time.
+    let dataset = loaded.call_method0("drop_encoding")?;
+    if dataset.contains("time")? {
+        let encoding = |of: &Bound<'py, PyAny>| of.get_item("time")?.getattr("encoding");
+        for key in ["units", "calendar", "dtype"] {
+            if let Ok(value) = encoding(&loaded)?.get_item(key) {
+                encoding(&dataset)?.set_item(key, value)?;
+            }
+        }
+    }
+    Ok(dataset)
 }
 
 /// The lock of Python that a thread holds while it writes by netCDF4-python.
@@ -40,9 +53,47 @@ static WRITING: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
 /// The dimensions of all files, in the order that their variables have.
 const ORDER: [&str; 8] = ["time", "view", "z", "row", "y", "col", "x", "component"];
 
+thread_local! {
+    /// The temporary file that this thread reads, and what messages call it.
+    static READING: RefCell<Option<(String, String)>> = const { RefCell::new(None) };
+}
+
+/// A message with the data set of xarray in the place of the temporary file.
+pub(crate) fn named(message: &str) -> String {
+    READING.with_borrow(|reading| match reading {
+        None => message.to_owned(),
+        Some((path, name)) => message.replace(path, name),
+    })
+}
+
+/// Whether an argument is a data set of xarray.
+pub(crate) fn is_dataset(object: &Bound<'_, PyAny>) -> PyResult<bool> {
+    object.hasattr("data_vars")
+}
+
+/// What `read` reads from a file with the contents of a data set of fields, whose coordinates may descend.
+pub(crate) fn through_field<T>(
+    dataset: &Bound<'_, PyAny>,
+    name: &str,
+    read: impl FnOnce(&Path) -> PyResult<T>,
+) -> PyResult<T> {
+    through_file(&ascending(dataset.clone(), "the data set", VOLUME)?, name, read)
+}
+
+/// What `read` reads from a file with the numbers without axes and the attributes of a data set.
+pub(crate) fn through_scalars<T>(
+    dataset: &Bound<'_, PyAny>,
+    read: impl FnOnce(&Path) -> PyResult<T>,
+) -> PyResult<T> {
+    let axes = dataset.getattr("sizes")?.try_iter()?.collect::<PyResult<Vec<_>>>()?;
+    through_file(&dataset.call_method1("drop_dims", (axes,))?, "", read)
+}
+
 /// What `read` reads from a file with the contents of a data set of xarray, whose axes are put in order.
+/// `name` is that of the argument; empty if there is no other one.
 pub(crate) fn through_file<T>(
     dataset: &Bound<'_, PyAny>,
+    name: &str,
     read: impl FnOnce(&Path) -> PyResult<T>,
 ) -> PyResult<T> {
     let folder = temporary()?;
@@ -69,7 +120,11 @@ pub(crate) fn through_file<T>(
         lock.call_method0(py, "release")?;
         written?;
     }
-    read(&path).map_err(|problem| without_path(py, problem, &path))
+    let name = format!("the data set {name}").trim_end().to_owned();
+    let outer = READING.replace(Some((path.display().to_string(), name)));
+    let found = read(&path);
+    READING.set(outer);
+    found
 }
 
 /// Warns of a file whose computation was interrupted.
@@ -80,19 +135,32 @@ pub(crate) fn warn_of_incomplete(py: Python<'_>, path: &Path) -> PyResult<()> {
     }
 }
 
-/// The exception with "the data set" in the place of the name of a temporary file.
-fn without_path(py: Python<'_>, problem: PyErr, path: &Path) -> PyErr {
-    let text = problem.value(py).to_string();
-    let text = text.replace(&path.display().to_string(), "the data set");
-    PyErr::from_type(problem.get_type(py), text)
+/// Returns an error if a file that deepct did not write is at `path`, unless it may be overwritten.
+///
+/// # Errors
+/// `FileExistsError`.
+pub(crate) fn check_origin(path: &Path, overwrite: bool) -> PyResult<()> {
+    if overwrite || io::is_replaceable(path) {
+        return Ok(());
+    }
+    Err(PyFileExistsError::new_err(format!(
+        "{} exists and is not a file that deepct wrote there before: give another name, or \
+         overwrite=True to replace it",
+        path.display()
+    )))
 }
 
 /// Runs `write` with the path that Python gave.
+///
+/// # Errors
+/// As [`check_origin`] and `write`.
 pub(crate) fn write(
     py: Python<'_>,
     path: &Path,
+    overwrite: bool,
     write: impl FnOnce(&Path) -> Result<()> + Send,
 ) -> PyResult<()> {
+    check_origin(path, overwrite)?;
     py.detach(|| write(path)).map_err(raise)
 }
 

@@ -7,6 +7,7 @@ use crate::record::{Record, attributes, record};
 use deepct_core::{grid, io};
 use numpy::ndarray::Array1;
 use numpy::{IntoPyArray, PyArray1};
+use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use std::path::PathBuf;
@@ -33,7 +34,7 @@ use std::path::PathBuf;
 /// >>> grid = deepct_py.Grid(shape=(20, 32, 32), spacing=(0.05, 0.05, 0.04))
 /// >>> grid.center
 /// (0.8, 0.8, 0.4)
-#[pyclass(frozen, from_py_object, module = "deepct_py")]
+#[pyclass(frozen, module = "deepct_py")]
 #[derive(Clone, Copy)]
 pub(crate) struct Grid(pub(crate) grid::Grid);
 
@@ -63,7 +64,7 @@ impl Grid {
     }
 
     /// The grid of an xarray object, from the coordinates z, y and x of the voxel centres (km unless
-    /// their attribute `units` states another unit).
+    /// their attribute `units` states another unit). Coordinates may descend.
     #[staticmethod]
     fn from_dataset(dataset: &Bound<'_, PyAny>) -> PyResult<Self> {
         grid_of(dataset).map(Self)
@@ -117,6 +118,36 @@ impl Grid {
     fn z<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
         self.axis(py, 2)
     }
+}
+
+/// A grid as an argument: itself, or what has one.
+impl FromPyObject<'_, '_> for Grid {
+    type Error = PyErr;
+
+    fn extract(object: Borrowed<'_, '_, PyAny>) -> PyResult<Self> {
+        let is_grid = |object: &Bound<'_, PyAny>| Some(*object.cast::<Self>().ok()?.get());
+        let own = is_grid(&object).or_else(|| is_grid(&object.getattr("grid").ok()?));
+        if let Some(grid) = own {
+            return Ok(grid);
+        }
+        if let Ok(path) = object.extract() {
+            return Self::from_file(path);
+        }
+        if object.hasattr("coords")? {
+            return Self::from_dataset(&object);
+        }
+        let found = object.get_type();
+        Err(PyTypeError::new_err(format!(
+            "grid must be a Grid, an object that has one, such as a Cloud, or the name of a file with one, \
+             not {found}"
+        )))
+    }
+}
+
+/// The grid of an argument for the functions of this package that are written in Python.
+#[pyfunction]
+pub(crate) fn grid_from(grid: Grid) -> Grid {
+    grid
 }
 
 impl Grid {

@@ -1,13 +1,15 @@
 //! `invert` and `hybrid`: retrieval of the extinction with a forward model.
 
-use crate::array::{Placed, copied, give, volume};
+use crate::array::{Placed, copied, give};
 use crate::cloud::read;
 use crate::compute::{Progress, Watch, at_length};
 use crate::error::raise;
 use crate::exchange::{dataset, provenance, write};
+use crate::field;
 use crate::grid::Grid;
 use crate::light::{Light, warn, warn_of_neglected};
-use crate::network::Network;
+use crate::lineage::Lineage;
+use crate::network::NetworkChoice;
 use crate::observation::{Given, observation};
 use crate::record::{Record, attributes, record};
 use crate::view::ViewSequence;
@@ -34,7 +36,7 @@ use std::path::PathBuf;
 /// grid : Grid
 ///     The grid of the arrays.
 /// extinction : array, [z, y, x]
-///     Extinction (1/km).
+///     Extinction (1/km). That of the droplets of a `Cloud` is the one in the `light`.
 /// mask : array of bool, [z, y, x]
 ///     The voxels in which the extinction was retrieved.
 /// history : list of dict
@@ -43,6 +45,8 @@ use std::path::PathBuf;
 ///     The reason for termination, as in the attribute.
 /// light : Light
 ///     Scene illumination of the images.
+/// lineage : Lineage, optional
+///     Its time and history. Default: unknown.
 #[pyclass(frozen, module = "deepct_py")]
 pub(crate) struct Reconstruction {
     /// The grid of the arrays.
@@ -66,13 +70,16 @@ pub(crate) struct Reconstruction {
     /// Scene illumination of the images.
     #[pyo3(get)]
     light: Light,
+    /// Its time and history.
+    #[pyo3(get)]
+    lineage: Lineage,
 }
 
 record!(Reconstruction);
 
 impl Record for Reconstruction {
     fn arguments<'py>(of: &Bound<'py, Self>) -> PyResult<Bound<'py, PyDict>> {
-        let names = ["grid", "extinction", "mask", "history", "ending", "light"];
+        let names = ["grid", "extinction", "mask", "history", "ending", "light", "lineage"];
         attributes(of.as_any(), &names)
     }
 }
@@ -80,6 +87,7 @@ impl Record for Reconstruction {
 #[pymethods]
 impl Reconstruction {
     #[new]
+    #[pyo3(signature = (grid, extinction, mask, history, ending, light, *, lineage = None))]
     fn new(
         grid: Grid,
         extinction: &Bound<'_, PyAny>,
@@ -87,23 +95,32 @@ impl Reconstruction {
         history: &Bound<'_, PyAny>,
         ending: &str,
         light: Light,
+        lineage: Option<Lineage>,
     ) -> PyResult<Self> {
         let py = extinction.py();
-        let values = volume(extinction, "extinction")?.on(grid.0)?;
-        let mask = crate::array::mask(mask, "mask")?.on(grid.0)?;
+        let values = field::extinction(extinction, "extinction", &light.core)?.on(grid.0)?;
+        let mask = field::mask(mask, "mask")?.on(grid.0)?;
         let core = inversion::Reconstruction {
             extinction: Volume::new(grid.0, values).map_err(raise)?,
             history: parsed(&dumped(history)?, "history")?,
             ending: parsed(&format!("\"{ending}\""), "ending")?,
         };
-        let made = Self::give(py, core, Mask::new(grid.0, mask).map_err(raise)?, light)?;
+        let mask = Mask::new(grid.0, mask).map_err(raise)?;
+        let made = Self::give(py, core, mask, light, lineage.unwrap_or_default())?;
         // Numbers that are read from text may differ in their last digit.
         Ok(Self { history: history.clone().unbind(), ..made })
     }
 
-    /// Write a netCDF file that all commands, `read_volume` and `read_mask` read.
-    #[pyo3(signature = (path, *, title = "Extinction by inversion"))]
-    fn to_netcdf(&self, py: Python<'_>, path: PathBuf, title: &str) -> PyResult<()> {
+    /// Write a netCDF file that all commands, `read_volume` and `read_mask` read. A file that deepct did
+    /// not write is replaced only with `overwrite`.
+    #[pyo3(signature = (path, *, title = "Extinction by inversion", overwrite = false))]
+    fn to_netcdf(
+        &self,
+        py: Python<'_>,
+        path: PathBuf,
+        title: &str,
+        overwrite: bool,
+    ) -> PyResult<()> {
         let core = inversion::Reconstruction {
             extinction: Volume::new(self.grid.0, copied(py, &self.extinction)?).map_err(raise)?,
             history: parsed(&dumped(self.history.bind(py))?, "history")?,
@@ -111,14 +128,15 @@ impl Reconstruction {
         };
         let mask = Mask::new(self.grid.0, copied(py, &self.mask)?).map_err(raise)?;
         let images = self.light.of_no_images();
-        write(py, &path, |path| {
-            io::write_reconstruction(path, &core, &mask, &images, &provenance(title))
+        let provenance = provenance(title, &self.lineage);
+        write(py, &path, overwrite, |path| {
+            io::write_reconstruction(path, &core, &mask, &images, &provenance)
         })
     }
 
     /// The reconstruction as a data set of xarray, with the variables of its file.
     fn to_xarray<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        dataset(py, |path| self.to_netcdf(py, path.into(), "Extinction by inversion"))
+        dataset(py, |path| self.to_netcdf(py, path.into(), "Extinction by inversion", false))
     }
 }
 
@@ -128,6 +146,7 @@ impl Reconstruction {
         answer: inversion::Reconstruction,
         mask: Mask,
         light: Light,
+        lineage: Lineage,
     ) -> PyResult<Self> {
         let text = |value: serde_json::Result<String>| value.expect("plain numbers and text");
         let history = text(serde_json::to_string(&answer.history));
@@ -138,6 +157,7 @@ impl Reconstruction {
             history: py.import("json")?.call_method1("loads", (history,))?.unbind(),
             ending: text(serde_json::to_string(&answer.ending)).trim_matches('"').to_owned(),
             light,
+            lineage,
         })
     }
 }
@@ -159,6 +179,7 @@ struct Request {
     mask: Option<Placed<bool>>,
     truth: Option<Placed<f32>>,
     settings: InversionSettings,
+    lineage: Lineage,
 }
 
 /// The mask and the truth of a request, on its grid.
@@ -169,6 +190,19 @@ struct OnGrid {
 }
 
 impl Request {
+    fn new(
+        observation: Observation,
+        mask: Option<&Bound<'_, PyAny>>,
+        truth: Option<&Bound<'_, PyAny>>,
+        settings: InversionSettings,
+        lineage: Lineage,
+    ) -> PyResult<Self> {
+        let light = &observation.light;
+        let truth = truth.map(|truth| field::extinction(truth, "truth", light)).transpose()?;
+        let mask = mask.map(|mask| field::mask(mask, "mask")).transpose()?;
+        Ok(Self { observation, mask, truth, settings, lineage })
+    }
+
     /// The request on a grid, to which what it contains must belong.
     fn on(
         self,
@@ -200,6 +234,7 @@ impl Request {
         };
         light.warn_of_assumed(py)?;
         warn_of_neglected(py, &light.core)?;
+        let lineage = self.lineage.clone();
         let (on_grid, observation, settings) = self.on(grid)?;
         let solved = at_length(py, progress, move |watch| {
             on_grid.solve(&observation, &settings, watch, method)
@@ -207,7 +242,7 @@ impl Request {
         for warning in &solved.warnings {
             warn(py, warning)?;
         }
-        Reconstruction::give(py, solved.answer, solved.mask, light)
+        Reconstruction::give(py, solved.answer, solved.mask, light, lineage)
     }
 }
 
@@ -280,26 +315,28 @@ struct Solved {
 ///
 /// Parameters
 /// ----------
-/// radiance : Observation, or array [view, row, col]
+/// radiance : Observation, array [view, row, col], str or path
 ///     Images (1/sr).
 /// views : Views or sequence of View, optional
 ///     The camera geometry of each image, unless the images are an observation.
-/// grid : Grid
-///     The grid of the extinction. Default: that of `init`, if it has one.
+/// grid : Grid, object or path
+///     The grid of the extinction: a `Grid`, an object that has one, such as a `Cloud`, or a file with one.
+///     Default: that of `init`, if it has one.
 /// light : Light, optional
 ///     Scene illumination of the images, unless they are an observation. Default: `Light()`.
-/// init : float, array [z, y, x], Estimate or "auto", optional
-///     Initial extinction (1/km). "auto" selects the constant that fits the images best.
-///     Default: 0.01.
-/// mask : array of bool [z, y, x], or Carved, optional
+/// init : float, array [z, y, x], Estimate, Cloud, path or "auto", optional
+///     Initial extinction (1/km); that of a `Cloud` as for `truth`. "auto" selects the constant that
+///     fits the images best. Default: 0.01.
+/// mask : array of bool [z, y, x], Carved, str or path, optional
 ///     The voxels in which the extinction is retrieved. By default the mask is carved from the
 ///     images with `carve`.
 /// standard_error : array, [view, row, col], optional
 ///     Standard error of each pixel (1/sr); infinite for pixels that are left out.
 /// saturated : array of bool, [view, row, col], optional
 ///     The pixels that are saturated: they are at least as bright as their radiance.
-/// truth : array [z, y, x], or Cloud, optional
-///     The true extinction (1/km). If it is given, the history contains the errors of each step.
+/// truth : array [z, y, x], Cloud, str or path, optional
+///     The true extinction (1/km). If it is given, the history contains the errors of each step. The
+///     extinction of a cloud that is given by its droplets is the one in the light of the images.
 /// progress : bool or callable
 ///     True shows a line of progress on the standard error. A function is called with a dict such as
 ///     those of `Reconstruction.history` after each step; an exception that it raises ends the
@@ -350,18 +387,15 @@ pub(crate) fn invert<'py>(
     let py = radiance.py();
     let given = Given { views, light, standard_error, saturated };
     let default_light = |_: &_| Ok(Light::from(scene::Light::default()));
-    let request = Request {
-        observation: observation(radiance, given, default_light)?,
-        mask: mask.map(|values| crate::array::mask(values, "mask")).transpose()?,
-        truth: truth.map(|values| volume(values, "truth")).transpose()?,
-        settings: keywords(py, settings)?,
-    };
+    let observation = observation(radiance, given, default_light)?;
+    let lineage = Lineage::after(radiance, "invert")?;
+    let request = Request::new(observation, mask, truth, keywords(py, settings)?, lineage)?;
     let init = match init {
         None => Init::Start(Start::Constant(0.01)),
         Some(init) => match (init.extract::<f64>(), init.extract::<String>()) {
             (Ok(number), _) => Init::Start(Start::Constant(number)),
             (_, Ok(word)) if word == "auto" => Init::Start(Start::Search),
-            _ => Init::Volume(volume(init, "init")?),
+            _ => Init::Volume(field::extinction(init, "init", &request.observation.light)?),
         },
     };
     let grid = match (grid, &init) {
@@ -391,20 +425,20 @@ enum Init {
 ///
 /// Parameters
 /// ----------
-/// radiance : Observation, or array [view, row, col]
+/// radiance : Observation, array [view, row, col], str or path
 ///     Images (1/sr).
 /// views : Views or sequence of View, optional
 ///     The camera geometry of each image, unless the images are an observation.
-/// network : Network, optional
-///     The network. Default: `Network.load()`, the general network.
+/// network : Network, str or path, optional
+///     The network, or the name or file of its weights. Default: `"general"`.
 /// light : Light, optional
 ///     Scene illumination of the images, unless they are an observation; required for general weights.
 ///     Default: `Light()`.
-/// grid : Grid, optional
-///     The grid of the result. Default: `network.grid(views)`.
+/// grid : Grid, object or path, optional
+///     The grid of the result, as in `invert`. Default: `network.grid(views)`.
 /// quick : bool
 ///     Use the quick hybrid method: 12 steps and one correction by the accurate solver.
-/// mask : array of bool [z, y, x], or Carved, optional
+/// mask : array of bool [z, y, x], Carved, str or path, optional
 ///     The voxels in which the extinction is retrieved. By default the mask is carved from the
 ///     images with `carve`.
 /// standard_error, saturated, truth, progress, **settings
@@ -442,7 +476,7 @@ enum Init {
 pub(crate) fn hybrid<'py>(
     radiance: &Bound<'py, PyAny>,
     views: Option<ViewSequence>,
-    network: Option<&Bound<'py, Network>>,
+    network: Option<NetworkChoice<'py>>,
     light: Option<Light>,
     grid: Option<Grid>,
     quick: bool,
@@ -454,21 +488,15 @@ pub(crate) fn hybrid<'py>(
     settings: Option<&Bound<'py, PyDict>>,
 ) -> PyResult<Reconstruction> {
     let py = radiance.py();
-    let network = match network {
-        Some(network) => network.clone(),
-        None => Bound::new(py, Network::load(py, io::GENERAL_WEIGHTS.into(), false)?)?,
-    };
+    let general = || NetworkChoice::Name(io::GENERAL_WEIGHTS.into());
+    let network = network.unwrap_or_else(general).network(py)?;
     let network = network.get();
     let given = Given { views, light, standard_error, saturated };
-    let mut request = Request {
-        observation: observation(radiance, given, |_| network.default_light())?,
-        mask: mask.map(|values| crate::array::mask(values, "mask")).transpose()?,
-        truth: truth.map(|values| volume(values, "truth")).transpose()?,
-        settings: keywords(py, settings)?,
-    };
-    if quick {
-        request.settings = request.settings.quick();
-    }
+    let observation = observation(radiance, given, |_| network.default_light())?;
+    let settings = keywords(py, settings)?;
+    let settings = if quick { settings.quick() } else { settings };
+    let lineage = Lineage::after(radiance, "hybrid")?;
+    let request = Request::new(observation, mask, truth, settings, lineage)?;
     let network = network.inner();
     let grid = match grid {
         Some(Grid(grid)) => grid,

@@ -12,9 +12,11 @@ mod compute;
 mod error;
 mod estimate;
 mod exchange;
+mod field;
 mod grid;
 mod invert;
 mod light;
+mod lineage;
 mod network;
 mod number;
 mod observation;
@@ -48,11 +50,13 @@ mod _deepct {
     #[pymodule_export]
     use crate::estimate::{Estimate, read_volume};
     #[pymodule_export]
-    use crate::grid::Grid;
+    use crate::grid::{Grid, grid_from};
     #[pymodule_export]
     use crate::invert::{Reconstruction, hybrid, invert};
     #[pymodule_export]
     use crate::light::Light;
+    #[pymodule_export]
+    use crate::lineage::Lineage;
     #[pymodule_export]
     use crate::network::Network;
     #[pymodule_export]

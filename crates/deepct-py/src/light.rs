@@ -1,7 +1,7 @@
 //! `Light`: the scene illumination, that is, all properties of a scene except the cloud.
 
-use crate::error::raise;
-use crate::exchange::through_file;
+use crate::error::{in_python, raise};
+use crate::exchange::{is_dataset, through_file, through_scalars};
 use crate::number::reals;
 use crate::record::{Record, record};
 use deepct_core::image::ViewStack;
@@ -11,7 +11,7 @@ use pyo3::exceptions::{PyTypeError, PyUserWarning, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use std::ffi::CString;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Scene illumination: Sun, wavelength, droplet optics, molecular atmosphere, surface and lateral
 /// boundaries. All parameters are keywords; the value after each type is the default.
@@ -127,7 +127,7 @@ impl Light {
     /// file does not state have their defaults and are listed in a warning and in `assumed`.
     #[staticmethod]
     fn from_dataset(dataset: &Bound<'_, PyAny>) -> PyResult<Self> {
-        let light = through_file(dataset, Self::read)?.ok_or_else(|| {
+        let light = through_file(dataset, "", Self::read)?.ok_or_else(|| {
             PyValueError::new_err("the data set has no scene illumination, such as sun_zenith_deg")
         })?;
         light.warn_of_assumed(dataset.py())?;
@@ -226,6 +226,19 @@ impl Light {
         Ok(found.map(|(core, assumed)| Self { core, assumed }))
     }
 
+    /// The light that an argument states: an object of this module, a data set of xarray or a file. `None`
+    /// for arrays, and where it is unknown.
+    pub(crate) fn of(object: &Bound<'_, PyAny>) -> PyResult<Option<Self>> {
+        if let Ok(path) = object.extract::<PathBuf>() {
+            return Self::read(&path);
+        }
+        if is_dataset(object)? {
+            return through_scalars(object, Self::read);
+        }
+        let own = object.getattr("light").and_then(|light| Ok(light.extract::<Self>()?));
+        Ok(own.ok())
+    }
+
     /// Warns of the values that are assumed.
     pub(crate) fn warn_of_assumed(&self, py: Python<'_>) -> PyResult<()> {
         if self.assumed.is_empty() {
@@ -260,7 +273,7 @@ pub(crate) fn warn_of_neglected(py: Python<'_>, light: &scene::Light) -> PyResul
 
 /// Issues a warning.
 pub(crate) fn warn(py: Python<'_>, warning: &str) -> PyResult<()> {
-    let text = CString::new(warning).expect("no zero byte");
+    let text = CString::new(in_python(warning)).expect("no zero byte");
     PyErr::warn(py, &py.get_type::<PyUserWarning>(), &text, 1)
 }
 

@@ -3,8 +3,10 @@
 use crate::compute::quickly;
 use crate::error::raise;
 use crate::estimate::Estimate;
+use crate::field;
 use crate::grid::Grid;
 use crate::light::{Light, warn};
+use crate::lineage::Lineage;
 use crate::observation::{Given, observation};
 use crate::record::{Record, record};
 use crate::view::ViewSequence;
@@ -83,7 +85,7 @@ impl Network {
     )]
     fn new(py: Python<'_>, weights: Weights, force: bool) -> PyResult<Self> {
         match weights {
-            Weights::Name(name) => Self::load(py, name.into(), force),
+            Weights::Name(name) => Self::load(py, name, force),
             Weights::Contents(bytes) => {
                 let parse = || io::parse_trained_weights(&bytes, Path::new("weights"));
                 let weights = quickly(py, parse)?;
@@ -163,7 +165,7 @@ impl Network {
     /// ----------
     /// views : Views or sequence of View
     ///     The views of the whole images.
-    /// grid : Grid
+    /// grid : Grid, object or path
     ///     Grid of the whole estimate.
     /// side : int
     ///     Largest number of rows and columns of a tile.
@@ -174,7 +176,7 @@ impl Network {
     ///     For each tile: its rows and columns, each as (first, end); the grid of the tile and of the
     ///     columns around it that the network reads; and the rows and columns of the images that show this
     ///     grid, or None.
-    fn tiles(&self, views: ViewSequence, grid: &Grid, side: usize) -> PyResult<Vec<TileParts>> {
+    fn tiles(&self, views: ViewSequence, grid: Grid, side: usize) -> PyResult<Vec<TileParts>> {
         let halo = self.estimator.halo(&grid.0);
         let tiles = scene::Tile::all(&views.0, &grid.0, side, halo).map_err(raise)?;
         let ends = |range: &Range<usize>| (range.start, range.end);
@@ -189,7 +191,7 @@ impl Network {
     ///
     /// Parameters
     /// ----------
-    /// radiance : Observation, or array [view, row, col]
+    /// radiance : Observation, array [view, row, col], str or path
     ///     Images (1/sr).
     /// views : Views or sequence of View, optional
     ///     The camera geometry of each image, unless the images are an observation.
@@ -197,10 +199,11 @@ impl Network {
     ///     Scene illumination of the images, unless they are an observation; only Sun and wavelength
     ///     are used. Required for general weights; others accept one Sun only, by default that of
     ///     `Light()`.
-    /// mask : array of bool [z, y, x], or Carved, optional
+    /// mask : array of bool [z, y, x], Carved, str or path, optional
     ///     Cloud mask, for example from `carve`. The extinction is set to zero outside the mask.
-    /// grid : Grid, optional
-    ///     The grid of the estimate. General weights accept any grid. Default: `grid(views)`.
+    /// grid : Grid, object or path, optional
+    ///     The grid of the estimate: a `Grid`, an object or a file that has one. General weights accept
+    ///     any grid. Default: `grid(views)`.
     ///
     /// Returns
     /// -------
@@ -231,7 +234,7 @@ impl Network {
     ) -> PyResult<Estimate> {
         let py = radiance.py();
         let observation = self.observation(radiance, views, light)?;
-        let masked = mask.map(|values| crate::array::mask(values, "mask")).transpose()?;
+        let masked = mask.map(|values| field::mask(values, "mask")).transpose()?;
         let (mut estimate, unusual) = quickly(py, || {
             let estimate = self.estimate_on(&observation, grid.as_ref())?;
             let ideal = observation.on_ideal_cameras()?;
@@ -250,7 +253,7 @@ impl Network {
             warn(py, &format!("the network was not trained on such images: {unusual}"))?;
         }
         let light = Light { core: observation.light, assumed: observation.assumed };
-        Ok(Estimate::give(py, estimate, Some(light)))
+        Ok(Estimate::give(py, estimate, Some(light), Lineage::after(radiance, "infer")?))
     }
 
     /// The extinction of `estimate`, with the same parameters.
@@ -300,10 +303,26 @@ impl Network {
     }
 }
 
+/// A network as an argument: itself, or the name or file of its weights.
+#[derive(FromPyObject)]
+pub(crate) enum NetworkChoice<'py> {
+    Network(Bound<'py, Network>),
+    Name(PathBuf),
+}
+
+impl<'py> NetworkChoice<'py> {
+    pub(crate) fn network(self, py: Python<'py>) -> PyResult<Bound<'py, Network>> {
+        match self {
+            Self::Network(network) => Ok(network),
+            Self::Name(name) => Bound::new(py, Network::load(py, name, false)?),
+        }
+    }
+}
+
 /// What weights are read from.
 #[derive(FromPyObject)]
 enum Weights {
-    Name(String),
+    Name(PathBuf),
     Contents(Vec<u8>),
 }
 

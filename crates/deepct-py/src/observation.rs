@@ -2,8 +2,9 @@
 
 use crate::array::{check_pixels, copied, give, images, images_in_any_unit, marks};
 use crate::error::raise;
-use crate::exchange::{dataset, provenance, through_file, warn_of_incomplete, write};
+use crate::exchange::{dataset, is_dataset, provenance, through_file, warn_of_incomplete, write};
 use crate::light::Light;
+use crate::lineage::Lineage;
 use crate::record::{Record, attributes, record};
 use crate::view::{ViewSequence, Views};
 use deepct_core::image::ViewStack;
@@ -34,6 +35,8 @@ use std::path::{Path, PathBuf};
 ///     Standard error of each pixel (1/sr); infinite for pixels that are to be left out.
 /// saturated : array of bool, [view, row, col], optional
 ///     The pixels that are saturated: they are at least as bright as their radiance.
+/// lineage : Lineage, optional
+///     Their time and history. Default: unknown.
 ///
 /// Raises
 /// ------
@@ -65,12 +68,16 @@ pub(crate) struct Observation {
     /// to be.
     #[pyo3(get)]
     saturated: Option<Py<PyArray3<bool>>>,
+    /// Their time and history.
+    #[pyo3(get)]
+    lineage: Lineage,
 }
 
 record!(Observation);
 
 /// The attributes that are the arguments of the constructor.
-pub(crate) const PARTS: [&str; 5] = ["radiance", "views", "light", "standard_error", "saturated"];
+pub(crate) const PARTS: [&str; 6] =
+    ["radiance", "views", "light", "standard_error", "saturated", "lineage"];
 
 impl Record for Observation {
     fn arguments<'py>(of: &Bound<'py, Self>) -> PyResult<Bound<'py, PyDict>> {
@@ -81,17 +88,20 @@ impl Record for Observation {
 #[pymethods]
 impl Observation {
     #[new]
-    #[pyo3(signature = (radiance, views, light = None, *, standard_error = None, saturated = None))]
+    #[pyo3(signature = (
+        radiance, views, light = None, *, standard_error = None, saturated = None, lineage = None,
+    ))]
     pub(crate) fn new(
         radiance: &Bound<'_, PyAny>,
         views: ViewSequence,
         light: Option<Light>,
         standard_error: Option<Bound<'_, PyAny>>,
         saturated: Option<Bound<'_, PyAny>>,
+        lineage: Option<Lineage>,
     ) -> PyResult<Self> {
         let given = Given { views: Some(views), light, standard_error, saturated };
         let observed = observation(radiance, given, |_| Ok(Light::from(scene::Light::default())))?;
-        Ok(Self::give(radiance.py(), observed))
+        Ok(Self::give(radiance.py(), observed, lineage.unwrap_or_default()))
     }
 
     /// The images in a data set of xarray with the variables of a file of images.
@@ -102,11 +112,11 @@ impl Observation {
     ///     The data set lacks a variable, or a variable is invalid; the message names it.
     #[staticmethod]
     fn from_dataset(dataset: &Bound<'_, PyAny>) -> PyResult<Self> {
-        Ok(Self::give(dataset.py(), from_dataset(dataset)?))
+        through_file(dataset, "", |path| Self::read(dataset.py(), path))
     }
 
-    /// A copy in which some of `radiance`, `views`, `light`, `standard_error` and `saturated` are
-    /// replaced.
+    /// A copy in which some of `radiance`, `views`, `light`, `standard_error`, `saturated` and `lineage`
+    /// are replaced.
     #[pyo3(signature = (**parts), text_signature = "($self, **parts)")]
     fn replace<'py>(
         slf: &Bound<'py, Self>,
@@ -119,22 +129,30 @@ impl Observation {
         slf.py().get_type::<Self>().call((), Some(&arguments))
     }
 
-    /// Write a netCDF file that all commands and `read_images` read.
-    #[pyo3(signature = (path, *, title = "Images of a cloud"))]
-    fn to_netcdf(&self, py: Python<'_>, path: PathBuf, title: &str) -> PyResult<()> {
+    /// Write a netCDF file that all commands and `read_images` read. A file that deepct did not write is
+    /// replaced only with `overwrite`.
+    #[pyo3(signature = (path, *, title = "Images of a cloud", overwrite = false))]
+    fn to_netcdf(
+        &self,
+        py: Python<'_>,
+        path: PathBuf,
+        title: &str,
+        overwrite: bool,
+    ) -> PyResult<()> {
         let observed = self.core(py)?;
-        write(py, &path, |path| io::write_observation(path, &observed, &provenance(title)))
+        let provenance = provenance(title, &self.lineage);
+        write(py, &path, overwrite, |path| io::write_observation(path, &observed, &provenance))
     }
 
     /// The images as a data set of xarray, with the variables of a file of images.
     fn to_xarray<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        dataset(py, |path| self.to_netcdf(py, path.into(), "Images of a cloud"))
+        dataset(py, |path| self.to_netcdf(py, path.into(), "Images of a cloud", false))
     }
 }
 
 impl Observation {
     /// The observation of the library as an object of Python.
-    pub(crate) fn give(py: Python<'_>, observed: scene::Observation) -> Self {
+    pub(crate) fn give(py: Python<'_>, observed: scene::Observation, lineage: Lineage) -> Self {
         let light = Light { core: observed.light, assumed: observed.assumed };
         Self {
             radiance: give(py, observed.images.values),
@@ -142,7 +160,12 @@ impl Observation {
             light,
             standard_error: observed.standard_error.map(|errors| give(py, errors.values)),
             saturated: observed.saturated.map(|marks| give(py, marks)),
+            lineage,
         }
+    }
+
+    fn read(py: Python<'_>, path: &Path) -> PyResult<Self> {
+        Ok(Self::give(py, read(py, path)?, Lineage(io::read_lineage(path))))
     }
 
     /// The observation of the library.
@@ -165,21 +188,17 @@ impl Observation {
 ///     The contents of the file are invalid; the message names the variable.
 #[pyfunction]
 pub(crate) fn read_images(py: Python<'_>, path: PathBuf) -> PyResult<Observation> {
-    warn_of_incomplete(py, &path)?;
-    Ok(Observation::give(py, read(py, &path)?))
+    Observation::read(py, &path)
 }
 
 fn read(py: Python<'_>, path: &Path) -> PyResult<scene::Observation> {
+    warn_of_incomplete(py, path)?;
     py.detach(|| io::read_observation(path)).map_err(raise)
-}
-
-fn from_dataset(dataset: &Bound<'_, PyAny>) -> PyResult<scene::Observation> {
-    through_file(dataset, |path| read(dataset.py(), path))
 }
 
 /// The views of the images in a data set.
 pub(crate) fn views_of(dataset: &Bound<'_, PyAny>) -> PyResult<Views> {
-    Ok(Views(from_dataset(dataset)?.views))
+    Ok(Views(through_file(dataset, "", |path| read(dataset.py(), path))?.views))
 }
 
 /// What a call states about its images, which an observation states itself.
@@ -190,8 +209,15 @@ pub(crate) struct Given<'py> {
     pub(crate) saturated: Option<Bound<'py, PyAny>>,
 }
 
-/// The observation that a function takes as its first argument: an `Observation`, a data set of xarray,
-/// or an array with further arguments about it, of which `default_light` is required if no light is
+/// Whether an argument is that of images with all that belongs to them: an `Observation`, a data set of
+/// xarray or the name of a file.
+pub(crate) fn is_complete(radiance: &Bound<'_, PyAny>) -> PyResult<bool> {
+    let is_own = radiance.cast::<Observation>().is_ok() || radiance.extract::<PathBuf>().is_ok();
+    Ok(is_own || is_dataset(radiance)?)
+}
+
+/// The observation that a function takes as its first argument: complete images ([`is_complete`]), or an
+/// array with further arguments about it, of which `default_light` is required if no light is
 /// given.
 ///
 /// # Errors
@@ -202,8 +228,7 @@ pub(crate) fn observation(
     default_light: impl FnOnce(&ViewStack) -> PyResult<Light>,
 ) -> PyResult<scene::Observation> {
     let py = radiance.py();
-    let own = radiance.cast::<Observation>();
-    if own.is_ok() || radiance.hasattr("data_vars")? {
+    if is_complete(radiance)? {
         let twice = [
             ("views", given.views.is_some()),
             ("light", given.light.is_some()),
@@ -215,7 +240,13 @@ pub(crate) fn observation(
                 "{name} belongs to the images: omit the argument, or use images.replace({name}=...)"
             )));
         }
-        return own.map_or_else(|_| from_dataset(radiance), |own| own.get().core(py));
+        if let Ok(own) = radiance.cast::<Observation>() {
+            return own.get().core(py);
+        }
+        return match radiance.extract::<PathBuf>() {
+            Ok(path) => read(py, &path),
+            Err(_) => through_file(radiance, "radiance", |path| read(py, path)),
+        };
     }
     check_pixels(radiance, given.standard_error.as_ref(), "standard_error")?;
     check_pixels(radiance, given.saturated.as_ref(), "saturated")?;

@@ -1,8 +1,8 @@
 //! `plot`: figures of volumes and of images.
 
-use crate::array::volume;
-use crate::cloud::Cloud;
 use crate::error::raise;
+use crate::exchange::{check_origin, is_dataset};
+use crate::field;
 use crate::grid::Grid;
 use crate::light::Light;
 use crate::observation::{Given, Observation, observation};
@@ -49,9 +49,11 @@ impl Figure {
         PyBytes::new(py, &self.0)
     }
 
-    /// Write a PNG file.
-    fn save(&self, path: PathBuf) -> PyResult<()> {
+    /// Write a PNG file. A file of another format is replaced only with `overwrite`.
+    #[pyo3(signature = (path, *, overwrite = false))]
+    fn save(&self, path: PathBuf, overwrite: bool) -> PyResult<()> {
         check_name(&path)?;
+        check_origin(&path, overwrite)?;
         deepct_core::files::write(&path, &self.0).map_err(raise)
     }
 
@@ -68,13 +70,16 @@ impl Figure {
 /// what : Cloud, Estimate, Reconstruction, Observation, array, str or path
 ///     A volume or images, or a file of either. An array is an extinction (1/km), [z, y, x].
 /// truth : Cloud, array, str or path, optional
-///     The true cloud, which is drawn beside the volume and in a scatter plot against it.
-/// grid : Grid, optional
+///     The true cloud, which is drawn beside the volume and in a scatter plot against it. The extinction
+///     of a cloud that is given by its droplets is the one in the light of the volume, if it is known.
+/// grid : Grid, object or path, optional
 ///     The grid of an array.
 /// title : str, optional
 ///     Title of the figure. Default: the name of the file.
 /// out : str or path, optional
 ///     PNG file to write.
+/// overwrite : bool
+///     Replace a file of another format.
 ///
 /// Returns
 /// -------
@@ -88,16 +93,20 @@ impl Figure {
 /// >>> figure.png[1:4]
 /// b'PNG'
 #[pyfunction]
-#[pyo3(signature = (what, truth = None, *, grid = None, title = None, out = None))]
+#[pyo3(signature = (what, truth = None, *, grid = None, title = None, out = None, overwrite = false))]
 pub(crate) fn plot(
     what: &Bound<'_, PyAny>,
     truth: Option<&Bound<'_, PyAny>>,
     grid: Option<Grid>,
     title: Option<String>,
     out: Option<PathBuf>,
+    overwrite: bool,
 ) -> PyResult<Figure> {
     let py = what.py();
-    out.as_deref().map_or(Ok(()), check_name)?;
+    if let Some(out) = &out {
+        check_name(out)?;
+        check_origin(out, overwrite)?;
+    }
     let file: Option<PathBuf> = what.extract().ok();
     let name = file.as_deref().and_then(Path::file_name).unwrap_or_default().to_string_lossy();
     let title = title.unwrap_or_else(|| name.into_owned());
@@ -136,16 +145,15 @@ pub(crate) fn plot(
         }
     }
     let figure = Figure(std::fs::read(&path).map_err(Error::io(&path)).map_err(raise)?);
-    out.map_or(Ok(()), |out| figure.save(out))?;
+    out.map_or(Ok(()), |out| figure.save(out, overwrite))?;
     Ok(figure)
 }
 
 /// What an object shows, and its scene illumination.
 fn content_of(what: &Bound<'_, PyAny>, grid: Option<Grid>) -> PyResult<(Drawing, scene::Light)> {
-    let light = what.getattr("light").and_then(|light| Ok(light.extract::<Light>()?));
-    let light = light.map_or_else(|_| scene::Light::default(), |light| light.core);
-    let is_images = what.cast::<Observation>().is_ok()
-        || (what.hasattr("data_vars")? && what.contains("radiance")?);
+    let light = Light::of(what)?.map_or_else(scene::Light::default, |light| light.core);
+    let is_images =
+        what.cast::<Observation>().is_ok() || (is_dataset(what)? && what.contains("radiance")?);
     if is_images {
         let given = Given { views: None, light: None, standard_error: None, saturated: None };
         let images = observation(what, given, |_| Ok(Light::from(scene::Light::default())))?;
@@ -160,20 +168,14 @@ fn content_of(what: &Bound<'_, PyAny>, grid: Option<Grid>) -> PyResult<(Drawing,
     Ok((Drawing::Field(Box::new(field)), light))
 }
 
-/// The extinction of a cloud, of a file or of an array on a grid.
+/// The extinction of an argument on a grid.
 fn extinction(
     object: &Bound<'_, PyAny>,
     name: &str,
     grid: Option<deepct_core::grid::Grid>,
     light: &scene::Light,
 ) -> PyResult<Volume> {
-    if let Ok(path) = object.extract::<PathBuf>() {
-        return object.py().detach(|| io::read_extinction(path, light)).map_err(raise);
-    }
-    if let Ok(cloud) = object.cast::<Cloud>() {
-        return light.extinction(&cloud.get().core(object.py())?).map_err(raise);
-    }
-    let values = volume(object, name)?;
+    let values = field::extinction(object, name, light)?;
     Volume::new(values.grid(grid)?, values.values).map_err(raise)
 }
 

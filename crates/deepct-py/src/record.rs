@@ -37,6 +37,21 @@ pub(crate) fn attributes<'py>(
     Ok(arguments)
 }
 
+/// The argument that does not belong to the value of an object: where it comes from.
+const ORIGIN: &str = "lineage";
+
+/// The arguments that belong to the value of an object.
+fn value<'py, T: Record>(of: &Bound<'py, T>) -> PyResult<Bound<'py, PyDict>> {
+    without_origin(T::arguments(of)?)
+}
+
+fn without_origin(arguments: Bound<'_, PyDict>) -> PyResult<Bound<'_, PyDict>> {
+    if arguments.contains(ORIGIN)? {
+        arguments.del_item(ORIGIN)?;
+    }
+    Ok(arguments)
+}
+
 /// Gives the class of a [`Record`] the methods of Python that all classes have; with `@picture`, all but
 /// the table that notebooks show.
 macro_rules! record {
@@ -86,7 +101,7 @@ pub(crate) fn equal<T: Record>(
         Ok(other) if other.as_any().get_type().is(one.as_any().get_type()) => other,
         _ => return Ok(py.NotImplemented()),
     };
-    let (one, other) = (T::arguments(one)?, T::arguments(other)?);
+    let (one, other) = (value(one)?, value(other)?);
     let mut same = one.len() == other.len();
     for (name, value) in one {
         same = same
@@ -112,7 +127,7 @@ fn same_values(one: &Bound<'_, PyAny>, other: &Bound<'_, PyAny>) -> PyResult<boo
 /// shape only, and lists of dicts nothing.
 pub(crate) fn hash<T: Record>(of: &Bound<'_, T>) -> PyResult<isize> {
     let mut parts = vec![of.as_any().get_type().into_any()];
-    for (name, value) in T::arguments(of)? {
+    for (name, value) in value(of)? {
         if value.cast::<PyList>().is_ok_and(has_dicts) {
             continue;
         }
@@ -137,7 +152,7 @@ fn has_dicts(list: &Bound<'_, PyList>) -> bool {
 pub(crate) fn text<T: Record>(of: &Bound<'_, T>) -> PyResult<String> {
     let name = of.as_any().get_type().name()?;
     let mut parts = Vec::new();
-    for (argument, value) in T::shown(of)? {
+    for (argument, value) in without_origin(T::shown(of)?)? {
         parts.push(format!("{argument}={}", summary(&value)?));
     }
     let long = parts.iter().any(|part| part.contains(['\n', '<']));
@@ -151,7 +166,7 @@ pub(crate) fn text<T: Record>(of: &Bound<'_, T>) -> PyResult<String> {
 /// The object as a table in HTML, which notebooks show.
 pub(crate) fn html<T: Record>(of: &Bound<'_, T>) -> PyResult<String> {
     let mut rows = String::new();
-    for (argument, value) in T::shown(of)? {
+    for (argument, value) in without_origin(T::shown(of)?)? {
         let text = summary(&value)?.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;");
         rows += &format!(
             "<tr><th style=\"text-align: left\">{argument}</th>\

@@ -1,11 +1,12 @@
 //! `render`: simulation of the images of an extinction field.
 
-use crate::array::volume;
-use crate::cloud::Cloud;
+use crate::array::{agreed, volume};
 use crate::compute::{Progress, at_length};
 use crate::error::raise;
+use crate::field;
 use crate::grid::Grid;
 use crate::light::{Light, warn, warn_of_neglected};
+use crate::lineage::Lineage;
 use crate::number::{whole, whole_if_given};
 use crate::observation::{Observation, PARTS};
 use crate::record::{Record, attributes, record};
@@ -13,7 +14,7 @@ use crate::view::{ViewSequence, Views};
 use deepct_core::grid::Volume;
 use deepct_core::scene::{self, PhaseModel};
 use deepct_core::transport::{self, MonteCarloSettings, OrdinatesSettings, Solver};
-use deepct_core::{Error, cloud};
+use deepct_core::{Error, cloud, io};
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -51,9 +52,11 @@ impl Record for Rendering {
 #[pymethods]
 impl Rendering {
     #[new]
+    // In Python these are keyword arguments with defaults.
+    #[allow(clippy::too_many_arguments)]
     #[pyo3(signature = (
         radiance, views, light = None, *, standard_error = None, saturated = None,
-        samples_per_pixel, estimated_error = None,
+        samples_per_pixel, estimated_error = None, lineage = None,
     ))]
     fn new(
         radiance: &Bound<'_, PyAny>,
@@ -63,9 +66,10 @@ impl Rendering {
         saturated: Option<Bound<'_, PyAny>>,
         samples_per_pixel: &Bound<'_, PyAny>,
         estimated_error: Option<f64>,
+        lineage: Option<Lineage>,
     ) -> PyResult<PyClassInitializer<Self>> {
         let samples_per_pixel = whole(samples_per_pixel, "samples_per_pixel")?;
-        let images = Observation::new(radiance, views, light, standard_error, saturated)?;
+        let images = Observation::new(radiance, views, light, standard_error, saturated, lineage)?;
         let rendering = Self { samples_per_pixel, estimated_error };
         Ok(PyClassInitializer::from(images).add_subclass(rendering))
     }
@@ -80,12 +84,12 @@ impl Rendering {
 ///
 /// Parameters
 /// ----------
-/// extinction : Cloud, Estimate, Reconstruction, or array [z, y, x]
+/// extinction : Cloud, Estimate, Reconstruction, array [z, y, x], str or path
 ///     The cloud, or an extinction (1/km). The droplets of a `Cloud` are used if the light refers to
 ///     Mie theory.
-/// grid : Grid, optional
-///     The grid of the extinction. By default that of the object, or that of the coordinates of an
-///     xarray object.
+/// grid : Grid, object or path, optional
+///     The grid of the extinction: a `Grid`, an object or a file that has one. By default that of the
+///     extinction, if it is an object or an xarray object with coordinates.
 /// views : Views, sequence of View, str or path
 ///     The cameras, all with the same image size; or the name or file of a formation as in
 ///     `Views.load`, which points at the centre of the grid and takes one pixel for each column.
@@ -173,6 +177,7 @@ pub(crate) fn render<'py>(
 ) -> PyResult<Py<Rendering>> {
     let py = extinction.py();
     let light = light.map_or_else(scene::Light::default, |light| light.core);
+    let lineage = Lineage::after(extinction, "render")?;
     let cloud = cloud_of(extinction, grid, effective_radius, &light)?;
     let views = match views {
         Some(views) => views_of(views, &cloud)?,
@@ -235,7 +240,7 @@ pub(crate) fn render<'py>(
     };
     let mut observed = scene::Observation::new(light, views, rendering.images).map_err(raise)?;
     observed.standard_error = rendering.standard_error;
-    let images = Observation::give(py, observed);
+    let images = Observation::give(py, observed, lineage);
     Py::new(py, PyClassInitializer::from(images).add_subclass(own))
 }
 
@@ -251,11 +256,16 @@ fn cloud_of(
         return Err(raise(Error::out_of_range("phase of the light", "another", range)));
     }
     let given = grid.map(|Grid(grid)| grid);
-    if let (Ok(cloud), None) = (extinction.cast::<Cloud>(), effective_radius) {
-        volume(extinction, "extinction")?.grid(given)?;
-        return cloud.get().core(extinction.py());
+    let name = "extinction";
+    let own = match extinction.extract::<PathBuf>() {
+        Ok(path) => Some(extinction.py().detach(|| io::read_cloud(path)).map_err(raise)?),
+        Err(_) => field::cloud(extinction)?,
+    };
+    if let (Some(cloud), None) = (own, effective_radius) {
+        agreed(name, given, Some(cloud.grid))?;
+        return Ok(cloud);
     }
-    let values = volume(extinction, "extinction")?;
+    let values = field::extinction(extinction, name, light)?;
     let grid = values.grid(given)?;
     let extinction = Volume::new(grid, values.values).map_err(raise)?;
     let cloud = match effective_radius {

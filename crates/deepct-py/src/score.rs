@@ -1,11 +1,12 @@
 //! `score`: errors of an estimate of the extinction.
 
-use crate::array::volume;
 use crate::compute::quickly;
+use crate::field::extinction;
+use crate::light::Light;
 use crate::record::{Record, attributes, record};
 use deepct_core::grid::{Grid, Volume};
 use deepct_core::math::DVec3;
-use deepct_core::metrics;
+use deepct_core::{metrics, scene};
 use numpy::ndarray::Array1;
 use numpy::{IntoPyArray, PyArray1};
 use pyo3::exceptions::PyValueError;
@@ -123,9 +124,13 @@ impl Scores {
 
 /// Compute the errors of an estimated extinction field. Both fields must be on the same grid.
 ///
+/// The extinction of a cloud that is given by its droplets is the one in the light that the estimate
+/// states, as by `deepct score`: an `Estimate`, a `Reconstruction`, a data set of xarray or a file of
+/// these. It is geometric where no light is known, as for arrays.
+///
 /// Parameters
 /// ----------
-/// truth, estimate : Cloud, Estimate, Reconstruction, or array [z, y, x]
+/// truth, estimate : Cloud, Estimate, Reconstruction, array [z, y, x], str or path
 ///     Extinction (1/km).
 ///
 /// Returns
@@ -148,7 +153,9 @@ pub(crate) fn score(
     truth: &Bound<'_, PyAny>,
     estimate: &Bound<'_, PyAny>,
 ) -> PyResult<Scores> {
-    let (truth, estimate) = (volume(truth, "truth")?, volume(estimate, "estimate")?);
+    let light = Light::of(estimate)?.map_or_else(scene::Light::default, |light| light.core);
+    let truth = extinction(truth, "truth", &light)?;
+    let estimate = extinction(estimate, "estimate", &light)?;
     if let Some(grid) = truth.grid {
         estimate.grid(Some(grid))?;
     }

@@ -4,8 +4,9 @@ use crate::array::{check_pixels, give, images, marks};
 use crate::compute::interruptibly;
 use crate::error::raise;
 use crate::light::Light;
+use crate::lineage::Lineage;
 use crate::number::whole;
-use crate::observation::{Given, Observation, PARTS, observation};
+use crate::observation::{Given, Observation, PARTS, is_complete, observation};
 use crate::record::{Record, attributes, record};
 use crate::view::ViewSequence;
 use deepct_core::image::ViewStack;
@@ -200,7 +201,7 @@ impl Exposure {
     #[new]
     #[pyo3(signature = (
         radiance, views, light = None, *, standard_error = None, saturated = None,
-        electrons_per_radiance,
+        electrons_per_radiance, lineage = None,
     ))]
     fn new(
         radiance: &Bound<'_, PyAny>,
@@ -209,8 +210,9 @@ impl Exposure {
         standard_error: Option<Bound<'_, PyAny>>,
         saturated: Option<Bound<'_, PyAny>>,
         electrons_per_radiance: f64,
+        lineage: Option<Lineage>,
     ) -> PyResult<PyClassInitializer<Self>> {
-        let images = Observation::new(radiance, views, light, standard_error, saturated)?;
+        let images = Observation::new(radiance, views, light, standard_error, saturated, lineage)?;
         Ok(PyClassInitializer::from(images).add_subclass(Self { electrons_per_radiance }))
     }
 }
@@ -228,7 +230,7 @@ pub(crate) enum SensorChoice {
 ///
 /// Parameters
 /// ----------
-/// radiance : Observation, or array [view, row, col]
+/// radiance : Observation, array [view, row, col], str or path
 ///     Noise-free images (1/sr).
 /// sensor : Sensor or str, optional
 ///     The sensor, or the name of a predefined one. Default: `"cmv4000"`.
@@ -283,12 +285,12 @@ pub(crate) fn sense<'py>(
     };
     let scale =
         electrons_per_radiance.map_or(Scale::BrightestAtFullWell, Scale::ElectronsPerRadiance);
-    if radiance.cast::<Observation>().is_ok() || radiance.hasattr("data_vars")? {
+    if is_complete(radiance)? {
         let given = Given { views: None, light: None, standard_error, saturated: None };
         let clean = observation(radiance, given, |_| Ok(Light::from(scene::Light::default())))?;
         let exposed = interruptibly(py, move || expose(&clean, &sensor, scale, seed))?;
         let electrons_per_radiance = exposed.electrons_per_radiance;
-        let images = Observation::give(py, exposed.observation);
+        let images = Observation::give(py, exposed.observation, Lineage::after(radiance, "sense")?);
         let exposure =
             PyClassInitializer::from(images).add_subclass(Exposure { electrons_per_radiance });
         return Ok(Py::new(py, exposure)?.into_any());

@@ -12,6 +12,9 @@ xarray = pytest.importorskip("xarray")
 pytest.importorskip("dask.array")
 
 ROWS, COLS = 24, 150
+LINEAGE = deepct_py.Lineage(
+    time=3.5, units="hours since 2004-07-01", calendar="standard", history="sense images.nc"
+)
 
 
 @pytest.fixture(scope="module")
@@ -23,7 +26,7 @@ def observation():
     view, row, col = np.indices((len(views), ROWS, COLS))
     cloudy = (row >= 9) & (row < 15) & ((col + view) % 20 < 6)
     radiance = np.where(cloudy, 0.15 + 0.01 * ((col // 20) % 5), 0.02)
-    return deepct_py.Observation(radiance, views, deepct_py.Light())
+    return deepct_py.Observation(radiance, views, deepct_py.Light(), lineage=LINEAGE)
 
 
 @pytest.fixture(scope="module")
@@ -52,8 +55,24 @@ def test_a_field_is_computed_when_it_is_needed(file, whole):
         assert field.extinction.chunks == ((32,), (24,), (64, 64, 22))
         check(field, whole)
         assert set(field) == {"extinction", "uncertainty"}
+        field.isel(x=slice(0, 8)).to_netcdf(file.with_name("field.nc"))
+        lineage = deepct_py.read_volume(file.with_name("field.nc")).lineage
+        assert lineage == LINEAGE.then("infer")
+        assert lineage.history == f"deepct {deepct_py.__version__}: infer\nsense images.nc"
         part = field.extinction[:, 3:9, 70:80].compute()
         np.testing.assert_array_equal(part, field.extinction.compute()[:, 3:9, 70:80])
+
+
+def test_images_in_memory_have_the_estimate_of_the_network(file, whole, observation):
+    assert deepct_py.infer(observation) == whole
+    network = deepct_py.Network.load()
+    mask = deepct_py.carve(observation, grid=whole.grid)
+    expected = network.estimate(observation, mask=mask)
+    assert deepct_py.infer(observation, network, carve=True) == expected
+    assert deepct_py.infer(observation, grid=whole, carve=True) == expected
+    for wrong in (file, observation.radiance):
+        with pytest.raises(TypeError, match=r"xarray.open_dataset.*deepct_py.read_images\(path\)"):
+            deepct_py.infer(wrong)
 
 
 def test_rows_from_the_north_and_bare_pixels(file, whole):

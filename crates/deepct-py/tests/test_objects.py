@@ -38,6 +38,7 @@ def objects():
         (grid, Grid((4, 8, 8), (0.05, 0.05, 0.04))),
         (cloud, deepct_py.Cloud(grid, extinction=cloud.extinction)),
         (light, light.replace(air=True)),
+        (deepct_py.Lineage(time=3, units="s", history="a"), deepct_py.Lineage(history="a")),
         (views[0], views[0].part((1, 2), (3, 4))),
         (looking_up, View.orthographic(30.7, 33.3, grid.center, 0.05)),
         (views, views[:3]),

@@ -104,7 +104,8 @@ def test_the_stub_names_what_the_module_has():
     stub = pathlib.Path(deepct_py.__file__).with_name("__init__.pyi")
     stubs = [stub, stub.with_name("_fields.pyi")]
     nodes = [node for path in stubs for node in ast.parse(path.read_text()).body]
-    declared = {node.name: node for node in nodes if hasattr(node, "name")}
+    public = [node for node in nodes if not getattr(node, "name", "_").startswith("_")]
+    declared = {node.name: node for node in public}
     assert set(declared) == set(deepct_py.__all__)
     assert stub.with_name("py.typed").exists()
     for name, node in declared.items():

@@ -20,6 +20,12 @@ from weights_tools.files import regular_file
 
 _REMEDY = "give a state dict or a training checkpoint written by torch.save"
 
+_STATES = ("model_state_dict", "state_dict")
+"""The names of the state dict in checkpoints: those of this program and of Lightning."""
+
+_FIRST = "net.body.0.body.0.weight"
+"""The name of the first parameter of a network."""
+
 _SHARDS = (
     "holds the shards of a distributed training",
     "consolidate them (full_tensor() of each parameter, or dcp_to_torch_save for a folder) and "
@@ -49,8 +55,14 @@ def save_checkpoint(path: Path, checkpoint: dict[str, Any]) -> None:
 
 
 def _write(path: Path, contents: Callable[[BinaryIO], object]) -> None:
+    if not path.parent.is_dir():
+        problem = f"is to be in the folder {path.parent}, which does not exist"
+        raise InputError(path, problem, "create the folder")
     # A new file with a random name: nobody else can have prepared a link of this name.
-    number, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".tmp")
+    try:
+        number, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".tmp")
+    except OSError as problem:
+        raise OSError(problem.errno, problem.strerror, str(path)) from None
     temporary = Path(name)
     try:
         with os.fdopen(number, "wb") as file:
@@ -158,16 +170,21 @@ def _members(path: Path) -> set[str]:
 
 
 def state_dict_of(checkpoint: dict[str, Any], path: str | Path) -> dict[str, Tensor]:
-    """The network's parameters in a training checkpoint or a bare state dict.
+    """The network's parameters in a training checkpoint, of Lightning for example, or a bare state
+    dict. Their names lose what a wrapper of the network puts before all of them.
 
     Raises :class:`InputError` if there are none, and for shards of a distributed training.
     """
-    state = checkpoint.get("model_state_dict", checkpoint)
+    state = next((checkpoint[name] for name in _STATES if name in checkpoint), checkpoint)
     if not isinstance(state, dict) or not all(
         isinstance(name, str) and isinstance(values, Tensor) for name, values in state.items()
     ):
-        remedy = "give a state dict, or a checkpoint with one under model_state_dict"
+        remedy = f"give a state dict, or a checkpoint with one under {' or '.join(_STATES)}"
         raise InputError(path, "holds no state dict", remedy)
     if any(hasattr(values, "full_tensor") for values in state.values()):
         raise InputError(path, *_SHARDS)
-    return dict(state)
+    first = next((name for name in state if name.endswith(_FIRST)), _FIRST)
+    wrapper = first[: -len(_FIRST)]
+    if not all(name.startswith(wrapper) for name in state):
+        return dict(state)
+    return {name[len(wrapper) :]: values for name, values in state.items()}

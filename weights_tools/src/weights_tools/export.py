@@ -22,22 +22,50 @@ from weights_tools.unbiased import BIASED_SCORES, unbiased_scale
 FORMAT_VERSION = 3
 """Version of the metadata in a weights file."""
 
-METADATA_KEYS = (
-    "configuration",
-    "formation",
-    "horizontal_spacing_km",
-    "image_layout",
-    "input_scale",
-    "levels",
-    "output_scale",
-    "outputs",
-    "scores",
-    "target_altitude_km",
-    "training",
-    "view_geometry",
-    "wavelength_um",
-)
+_KINDS = {
+    "configuration": "any",
+    "formation": "text",
+    "horizontal_spacing_km": "list",
+    "image_layout": "any",
+    "input_scale": "number",
+    "levels.bottom_km": "number",
+    "levels.count": "whole number",
+    "levels.spacing_km": "number",
+    "output_scale": "number",
+    "outputs": "list",
+    "scores": "object",
+    "target_altitude_km": "number",
+    "training.data": "text",
+    "training.identity": "text",
+    "training.samples": "whole number",
+    "training.seed": "whole number",
+    "view_geometry.camera_distance_km": "list",
+    "view_geometry.pixel_km": "list",
+    "view_geometry.sun_azimuth_deg": "number",
+    "view_geometry.sun_zenith_deg": "number",
+    "view_geometry.view_azimuth_deg": "list",
+    "view_geometry.view_zenith_deg": "list",
+    "wavelength_um": "number",
+}
+"""The metadata of a weights file and what they are."""
+
+_TYPES = {
+    "list": (list,),
+    "number": (int, float),
+    "object": (dict,),
+    "text": (str,),
+    "whole number": (int,),
+}
+"""The types of the values of each kind; any of them for others."""
+
+_OPTIONAL = ("view_geometry.camera_distance_km",)
+"""Metadata that may be missing: the cameras are then at an unknown distance."""
+
+METADATA_KEYS = tuple(dict.fromkeys(name.partition(".")[0] for name in _KINDS))
 """The metadata that a weights file requires in addition to the layers."""
+
+DERIVED = ("architecture", "format_version", "layers", "parameters", "program", "receptive_field")
+"""What ``deepct weights inspect --json`` also prints, and what follows from the network."""
 
 BATCH_NORM_EPSILON = 1e-5
 """Number added to the variances of a batch normalisation unless the configuration in the metadata
@@ -73,7 +101,10 @@ def load_network(
     try:
         network = network_from_state(state, lift)
     except ValueError as problem:
-        remedy = "give the parameters of the paper's network (net.body.{i}.body..., float32)"
+        remedy = (
+            "every layer, the last one too, must be a Conv2d of 3 x 3 pixels with a bias "
+            "(net.body.{i}.body.0), a BatchNorm2d (net.body.{i}.body.1) and a ReLU, in float32"
+        )
         raise InputError(path, str(problem), remedy) from None
     _configure(network, metadata.get("configuration"), path)
     return network, metadata
@@ -94,7 +125,11 @@ def _configure(network: Network, configuration: Any, path: str | Path) -> None:
 
 
 def read_metadata(path: str | Path) -> dict[str, Any]:
-    """Read metadata from a JSON file, for a checkpoint that contains none."""
+    """Read metadata from a JSON file, for a checkpoint that contains none.
+
+    What ``deepct weights inspect --json`` prints of other weights is such a file; its
+    :data:`DERIVED` values are left out.
+    """
     content = read_file(path, "give a JSON file of metadata")
     try:
         metadata = json.loads(content.decode("utf-8"))
@@ -102,7 +137,7 @@ def read_metadata(path: str | Path) -> dict[str, Any]:
         raise InputError(path, f"is not JSON ({problem})", "correct it") from None
     if not isinstance(metadata, dict):
         raise InputError(path, "is not a JSON object", f"give {', '.join(METADATA_KEYS)}")
-    return metadata
+    return {key: value for key, value in metadata.items() if key not in DERIVED}
 
 
 def export(
@@ -129,14 +164,7 @@ def export(
     are missing or unknown.
     """
     network, metadata = load_network(checkpoint_path, changes)
-    missing = sorted(set(METADATA_KEYS) - set(metadata))
-    if missing:
-        problem = f"has no metadata {', '.join(missing)}"
-        raise InputError(checkpoint_path, problem, "give them in a JSON file with --metadata")
-    unknown = sorted(set(metadata) - set(METADATA_KEYS))
-    if unknown:
-        problem = f"unknown metadata {', '.join(unknown)}"
-        raise InputError(checkpoint_path, problem, f"the keys are {', '.join(METADATA_KEYS)}")
+    _check_metadata(metadata, checkpoint_path)
     _check_outputs(network, metadata, checkpoint_path)
     epsilon = network.net.body[0].body[1].eps
     lines = [f"assumed: padding with zeros, batch normalisation with epsilon {epsilon:g}"]
@@ -155,6 +183,36 @@ def export(
     write = _onnx if is_onnx(output) else _safetensors
     write_whole(Path(output), write(network, header))
     return lines
+
+
+def _check_metadata(metadata: dict[str, Any], path: str | Path) -> None:
+    """Refuse metadata of which some are missing, unknown or of another kind."""
+    groups = {name.partition(".")[0] for name in _KINDS if "." in name}
+    values: dict[str, Any] = {}
+    for key, value in metadata.items():
+        if key not in groups:
+            values[key] = value
+        elif isinstance(value, dict):
+            values.update({f"{key}.{name}": part for name, part in value.items()})
+        else:
+            raise InputError(path, f"its {key} is {value!r}", "give an object with --metadata")
+    missing = [
+        name if name.partition(".")[0] in metadata else name.partition(".")[0]
+        for name in _KINDS
+        if name not in values and name not in _OPTIONAL
+    ]
+    if missing:
+        problem = f"has no metadata {', '.join(dict.fromkeys(missing))}"
+        raise InputError(path, problem, "give them in a JSON file with --metadata")
+    unknown = sorted(set(values) - set(_KINDS))
+    if unknown:
+        problem = f"unknown metadata {', '.join(unknown)}"
+        raise InputError(path, problem, f"the keys are {', '.join(_KINDS)}")
+    for name, kind in _KINDS.items():
+        types = _TYPES.get(kind)
+        if types and name in values and type(values[name]) not in types:
+            problem = f"its {name} is {values[name]!r}"
+            raise InputError(path, problem, f"give --metadata in which it is of kind {kind}")
 
 
 def _check_outputs(network: Network, metadata: dict[str, Any], path: str | Path) -> None:

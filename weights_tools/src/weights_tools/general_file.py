@@ -173,6 +173,8 @@ def export_general(
     Raises :class:`InputError` for a checkpoint or for changes that cannot be used.
     """
     weights = load_general(checkpoint)
+    # The same as in the weights file, from which they may be given back.
+    changes = {key: value for key, value in changes.items() if key not in _OF_THE_NETWORK}
     unknown = sorted(set(changes) - set(_DESCRIBED))
     if unknown:
         remedy = f"the keys are {', '.join(_DESCRIBED)}"
@@ -253,6 +255,7 @@ def _header(weights: GeneralWeights) -> dict[str, Any]:
     }
 
 
+_OF_THE_NETWORK = ("network", "levels", "outputs")
 _OPTIONAL = ("surface_albedo", "calibration", "typical")
 _DESCRIBED = tuple(GeneralDescription.__dataclass_fields__)
 _KEYS = {
@@ -302,6 +305,7 @@ def _description(header: dict[str, Any]) -> GeneralDescription:
     for key in ("training", "scores", "configuration"):
         if not isinstance(header[key], dict):
             raise ValueError(f"{key} is not an object")
+    _exactly(header["training"], ("data", "identity", "samples", "seed"), "training")
     ranges = {
         key: _pair(value, f"ranges.{key}", ordered=True)
         for key, value in _exactly(header["ranges"], tuple(RANGES), "ranges").items()

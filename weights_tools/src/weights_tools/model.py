@@ -166,6 +166,9 @@ def network_from_state(state: dict[str, Tensor], lift: Lift | None = None) -> Ne
         if values.dtype not in KINDS:
             kind = str(values.dtype).removeprefix("torch.")
             raise ValueError(f"{name} is of type {kind}, not float32")
+    for layer in range(len(network.net.body)):
+        if f"net.body.{layer}.body.1.running_var" not in state:
+            raise ValueError(f"layer {layer} has no batch normalisation (net.body.{layer}.body.1)")
     try:
         network.load_state_dict(state)
     except RuntimeError as problem:

@@ -49,6 +49,7 @@ fn wrong_input_is_refused() {
     program.refuse("view I.nc --truth V.nc", &["I.nc", "--truth"]);
     program.refuse("report empty", &["empty", ".nc"]);
     program.refuse("report none", &["none"]);
+    program.refuse("report V.nc", &["V.nc: folder: is a file; give a folder, or show"]);
     assert_eq!(std::fs::read_to_string(program.path("own.html")).unwrap(), "my notes");
     assert!(!program.files().contains(&"V.html".to_owned()));
 }

@@ -19,6 +19,8 @@ pub mod import;
 #[cfg(feature = "files")]
 mod netcdf;
 #[cfg(feature = "files")]
+mod origin;
+#[cfg(feature = "files")]
 mod plausible;
 #[cfg(feature = "files")]
 mod units;
@@ -32,12 +34,14 @@ pub use self::exr::write_exr;
 pub use netcdf::{
     Content, Drawing, EstimateFile, Field, ImagesFile, Lineage, MAX_VALUES, Provenance,
     ReferenceDroplets, ReferenceView, Time, allow_external_files, configuration, endless_reading,
-    incomplete, is_own_file, read_cloud, read_content, read_derived_observation, read_drawing,
-    read_estimate, read_extinction, read_grid, read_implausible_cloud, read_light, read_lineage,
-    read_mask, read_observation, read_reference_droplets, read_reference_extinction,
-    read_reference_view, read_volume, write_cloud, write_estimate, write_mask, write_observation,
-    write_reconstruction, write_sample, write_volume,
+    incomplete, read_cloud, read_content, read_derived_observation, read_drawing, read_estimate,
+    read_extinction, read_grid, read_implausible_cloud, read_light, read_lineage, read_mask,
+    read_observation, read_reference_droplets, read_reference_extinction, read_reference_view,
+    read_volume, write_cloud, write_estimate, write_mask, write_observation, write_reconstruction,
+    write_sample, write_volume,
 };
+#[cfg(feature = "files")]
+pub use origin::is_replaceable;
 #[cfg(feature = "files")]
 pub use units::unit_factor;
 #[cfg(feature = "files")]

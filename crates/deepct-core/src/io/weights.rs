@@ -185,10 +185,24 @@ fn other_kind(bytes: &[u8]) -> Option<(&'static str, &'static str)> {
         }
         [0x89, b'H', b'D', b'F', ..] | [b'C', b'D', b'F', ..] => Some((
             "a netCDF or HDF5 file",
-            "give weights with --weights, and images as the argument",
+            "give weights in its place, and this file as the images",
+        )),
+        _ if is_text(bytes) => Some((
+            "text, such as the recipe of a training",
+            "train a network by it (`python -m weights_tools train`), and give the weights that \
+             `python -m weights_tools export` writes",
         )),
         _ => None,
     }
+}
+
+/// Whether the beginning of a file is text.
+fn is_text(bytes: &[u8]) -> bool {
+    let start = &bytes[..bytes.len().min(1 << 12)];
+    let valid = start.utf8_chunks().next().map_or("", |chunk| chunk.valid());
+    // The last character may be cut.
+    let is_control = |character: char| character.is_control() && !character.is_whitespace();
+    valid.len() + 3 >= start.len() && !valid.is_empty() && !valid.contains(is_control)
 }
 
 /// Parse weights of either kind from the bytes of a file; `path` is used in error messages.
@@ -239,7 +253,8 @@ enum Metadata {
 }
 
 fn parse_metadata(header: Option<&HashMap<String, String>>, path: &Path) -> Result<Metadata> {
-    let remedy = "export the weights with weights_tools, which writes it";
+    let remedy = "export the weights again, with complete metadata \
+                  (`python -m weights_tools export --metadata`)";
     let invalid = |problem: String| Error::file(path, "metadata", problem, remedy);
     let text = header
         .and_then(|header| header.get(METADATA_KEY))
@@ -523,6 +538,7 @@ mod tests {
             (b"\x80\x02\x8a\x0al\xfc", "PyTorch"),
             (b"\x08\x08\x12\x07pytorch", "ONNX"),
             (b"\x89HDF\r\n\x1a\n", "netCDF"),
+            (b"# A recipe\nepochs = 3\n", "recipe of a training"),
         ] {
             let error = parse_weights(start, Path::new("w")).unwrap_err().to_string();
             assert!(error.contains(what), "{error}");

@@ -40,6 +40,10 @@ pub fn folder_report(folder: impl AsRef<Path>, truth: Option<&Path>) -> Result<R
 
 /// The files of a folder with an ending, sorted by name.
 fn files_in(folder: &Path, ending: &str) -> Result<Vec<PathBuf>> {
+    if folder.is_file() {
+        let remedy = "give a folder, or show this file alone with `deepct view`";
+        return Err(Error::file(folder, "folder", "is a file", remedy));
+    }
     let mut found = Vec::new();
     for entry in std::fs::read_dir(folder).map_err(Error::io(folder))? {
         let path = entry.map_err(Error::io(folder))?.path();

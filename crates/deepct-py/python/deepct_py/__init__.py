@@ -15,12 +15,14 @@ Each processing stage is a function with the name of the corresponding command o
 
 Volumes are arrays ``[z, y, x]`` and images are arrays ``[view, row, col]`` of 32-bit floats.
 Functions take them as arrays of any number type, as xarray objects, whose axes are found by name
-and whose units are converted, or as objects of this module, which also state the grid, the views
-and the scene illumination. Lengths are in km, extinction is in 1/km, and radiance is in 1/sr for a
-solar irradiance of 1. Rows increase towards the north and columns towards the east.
+and whose units are converted, as objects of this module, which also state the grid, the views and
+the scene illumination, or as the names of their files. Lengths are in km, extinction is in 1/km,
+and radiance is in 1/sr for a solar irradiance of 1. Rows increase towards the north and columns
+towards the east.
 
 All objects can be compared, hashed, copied and pickled. Those with arrays have ``to_netcdf`` and
 ``to_xarray``; ``read_cloud``, ``read_images``, ``read_mask`` and ``read_volume`` read the files.
+Objects and files keep the time of a field and its history (``lineage``).
 
 The functions raise ``ValueError`` for an invalid argument, ``OSError`` for an error of the
 operating system and ``DeepctError`` for invalid contents of a file. They release the global
@@ -36,6 +38,7 @@ from ._deepct import (
     Figure,
     Grid,
     Light,
+    Lineage,
     Network,
     Observation,
     Reconstruction,
@@ -73,6 +76,7 @@ __all__ = [
     "Figure",
     "Grid",
     "Light",
+    "Lineage",
     "Network",
     "Observation",
     "Reconstruction",

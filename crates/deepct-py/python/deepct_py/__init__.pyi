@@ -1,6 +1,6 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from os import PathLike
-from typing import Any, Literal, Optional, Union, final, overload
+from typing import Any, Literal, Optional, Protocol, Union, final, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,9 +16,16 @@ _Ends = tuple[int, int]
 # Numbers of a tuple, a list or an array.
 _Numbers = Union[Sequence[float], NDArray[Any]]
 _Progress = Union[bool, Callable[[dict[str, Any]], object]]
-_Extinction = Union[ArrayLike, "Cloud", "Estimate", "Reconstruction"]
-_Mask = Union[ArrayLike, "Carved", "Reconstruction"]
-_Images = Union[ArrayLike, "Observation"]
+_Extinction = Union[ArrayLike, "Cloud", "Estimate", "Reconstruction", _Path]
+_Mask = Union[ArrayLike, "Carved", "Reconstruction", _Path]
+_Images = Union[ArrayLike, "Observation", _Path]
+
+class _WithCoordinates(Protocol):
+    @property
+    def coords(self) -> Any: ...
+
+# A grid, or what has one.
+_Grid = Union["Grid", "Cloud", "Estimate", "Carved", "Reconstruction", _WithCoordinates, _Path]
 _Views = Union["Views", Sequence["View"]]
 
 __all__ = [
@@ -30,6 +37,7 @@ __all__ = [
     "Figure",
     "Grid",
     "Light",
+    "Lineage",
     "Network",
     "Observation",
     "Reconstruction",
@@ -89,15 +97,37 @@ class Grid:
     def _repr_html_(self) -> str: ...
 
 @final
+class Lineage:
+    def __new__(
+        cls,
+        *,
+        time: Optional[float] = None,
+        units: str = "",
+        calendar: str = "",
+        history: str = "",
+    ) -> Lineage: ...
+    def then(self, step: str) -> Lineage: ...
+    @property
+    def time(self) -> Optional[float]: ...
+    @property
+    def units(self) -> str: ...
+    @property
+    def calendar(self) -> str: ...
+    @property
+    def history(self) -> str: ...
+    def _repr_html_(self) -> str: ...
+
+@final
 class Cloud:
     def __new__(
         cls,
-        grid: Grid,
+        grid: _Grid,
         *,
         extinction: Optional[ArrayLike] = None,
         liquid_water_content: Optional[ArrayLike] = None,
         effective_radius: Optional[ArrayLike] = None,
         effective_variance: Optional[ArrayLike] = None,
+        lineage: Optional[Lineage] = None,
     ) -> Cloud: ...
     @staticmethod
     def from_dataset(dataset: Any) -> Cloud: ...
@@ -111,12 +141,16 @@ class Cloud:
     def effective_radius(self) -> Optional[_Floats]: ...
     @property
     def effective_variance(self) -> Optional[_Floats]: ...
-    def to_netcdf(self, path: _Path, *, title: str = "Cloud") -> None: ...
+    @property
+    def lineage(self) -> Lineage: ...
+    def to_netcdf(
+        self, path: _Path, *, title: str = "Cloud", overwrite: bool = False
+    ) -> None: ...
     def to_xarray(self) -> Any: ...
     def _repr_html_(self) -> str: ...
 
 def generate_cloud(
-    grid: Optional[Grid] = None,
+    grid: Optional[_Grid] = None,
     *,
     kind: Literal["cumulus", "field"] = "cumulus",
     seed: int = 1,
@@ -326,6 +360,7 @@ class Observation:
         *,
         standard_error: Optional[ArrayLike] = None,
         saturated: Optional[ArrayLike] = None,
+        lineage: Optional[Lineage] = None,
     ) -> Observation: ...
     @staticmethod
     def from_dataset(dataset: Any) -> Observation: ...
@@ -340,7 +375,11 @@ class Observation:
     @property
     def saturated(self) -> Optional[_Marks]: ...
     def replace(self, **parts: Any) -> Observation: ...
-    def to_netcdf(self, path: _Path, *, title: str = "Images of a cloud") -> None: ...
+    @property
+    def lineage(self) -> Lineage: ...
+    def to_netcdf(
+        self, path: _Path, *, title: str = "Images of a cloud", overwrite: bool = False
+    ) -> None: ...
     def to_xarray(self) -> Any: ...
     def _repr_html_(self) -> str: ...
 
@@ -358,6 +397,7 @@ class Rendering(Observation):
         saturated: Optional[ArrayLike] = None,
         samples_per_pixel: int,
         estimated_error: Optional[float] = None,
+        lineage: Optional[Lineage] = None,
     ) -> Rendering: ...
     @property
     def samples_per_pixel(self) -> int: ...
@@ -367,7 +407,7 @@ class Rendering(Observation):
 
 def render(
     extinction: _Extinction,
-    grid: Optional[Grid] = None,
+    grid: Optional[_Grid] = None,
     views: Union[_Views, _Path, None] = None,
     light: Optional[Light] = None,
     *,
@@ -443,6 +483,7 @@ class Exposure(Observation):
         standard_error: Optional[ArrayLike] = None,
         saturated: Optional[ArrayLike] = None,
         electrons_per_radiance: float,
+        lineage: Optional[Lineage] = None,
     ) -> Exposure: ...
     @property
     def electrons_per_radiance(self) -> float: ...
@@ -470,7 +511,12 @@ def sense(
 @final
 class Carved:
     def __new__(
-        cls, grid: Grid, mask: ArrayLike, thresholds: Optional[_Numbers] = None
+        cls,
+        grid: _Grid,
+        mask: ArrayLike,
+        thresholds: Optional[_Numbers] = None,
+        *,
+        lineage: Optional[Lineage] = None,
     ) -> Carved: ...
     @staticmethod
     def from_dataset(dataset: Any) -> Carved: ...
@@ -480,7 +526,11 @@ class Carved:
     def mask(self) -> _Marks: ...
     @property
     def thresholds(self) -> Optional[_Floats]: ...
-    def to_netcdf(self, path: _Path, *, title: str = "Voxels that may contain cloud") -> None: ...
+    @property
+    def lineage(self) -> Lineage: ...
+    def to_netcdf(
+        self, path: _Path, *, title: str = "Voxels that may contain cloud", overwrite: bool = False
+    ) -> None: ...
     def to_xarray(self) -> Any: ...
     def _repr_html_(self) -> str: ...
 
@@ -488,7 +538,7 @@ def read_mask(path: _Path) -> Carved: ...
 def carve(
     radiance: _Images,
     views: Optional[_Views] = None,
-    grid: Optional[Grid] = None,
+    grid: Optional[_Grid] = None,
     *,
     threshold: Optional[float] = None,
     standard_error: Optional[ArrayLike] = None,
@@ -500,10 +550,12 @@ def carve(
 class Estimate:
     def __new__(
         cls,
-        grid: Grid,
-        extinction: ArrayLike,
+        grid: _Grid,
+        extinction: _Extinction,
         uncertainty: Optional[ArrayLike] = None,
         light: Optional[Light] = None,
+        *,
+        lineage: Optional[Lineage] = None,
     ) -> Estimate: ...
     @staticmethod
     def from_dataset(dataset: Any) -> Estimate: ...
@@ -515,7 +567,11 @@ class Estimate:
     def uncertainty(self) -> Optional[_Floats]: ...
     @property
     def light(self) -> Optional[Light]: ...
-    def to_netcdf(self, path: _Path, *, title: str = "Extinction") -> None: ...
+    @property
+    def lineage(self) -> Lineage: ...
+    def to_netcdf(
+        self, path: _Path, *, title: str = "Extinction", overwrite: bool = False
+    ) -> None: ...
     def to_xarray(self) -> Any: ...
     def _repr_html_(self) -> str: ...
 
@@ -523,7 +579,7 @@ def read_volume(path: _Path) -> Estimate: ...
 
 @final
 class Network:
-    def __new__(cls, weights: Union[str, bytes] = "general", *, force: bool = False) -> Network: ...
+    def __new__(cls, weights: Union[_Path, bytes] = "general", *, force: bool = False) -> Network: ...
     @staticmethod
     def load(name_or_path: _Path = "general", *, force: bool = False) -> Network: ...
     @staticmethod
@@ -532,7 +588,7 @@ class Network:
     def metadata(self) -> dict[str, Any]: ...
     def grid(self, views: _Views) -> Grid: ...
     def tiles(
-        self, views: _Views, grid: Grid, side: int
+        self, views: _Views, grid: _Grid, side: int
     ) -> list[tuple[_Ends, _Ends, Grid, Optional[tuple[_Ends, _Ends]]]]: ...
     def infer(
         self,
@@ -541,7 +597,7 @@ class Network:
         light: Optional[Light] = None,
         *,
         mask: Optional[_Mask] = None,
-        grid: Optional[Grid] = None,
+        grid: Optional[_Grid] = None,
     ) -> _Floats: ...
     def image_statistics(
         self,
@@ -549,7 +605,7 @@ class Network:
         views: Optional[_Views] = None,
         light: Optional[Light] = None,
         *,
-        grid: Optional[Grid] = None,
+        grid: Optional[_Grid] = None,
     ) -> dict[str, float]: ...
     def estimate(
         self,
@@ -558,7 +614,7 @@ class Network:
         light: Optional[Light] = None,
         *,
         mask: Optional[_Mask] = None,
-        grid: Optional[Grid] = None,
+        grid: Optional[_Grid] = None,
     ) -> Estimate: ...
     def _repr_html_(self) -> str: ...
 
@@ -566,12 +622,14 @@ class Network:
 class Reconstruction:
     def __new__(
         cls,
-        grid: Grid,
-        extinction: ArrayLike,
-        mask: ArrayLike,
+        grid: _Grid,
+        extinction: _Extinction,
+        mask: _Mask,
         history: list[dict[str, Any]],
         ending: str,
         light: Light,
+        *,
+        lineage: Optional[Lineage] = None,
     ) -> Reconstruction: ...
     @property
     def grid(self) -> Grid: ...
@@ -585,14 +643,18 @@ class Reconstruction:
     def ending(self) -> str: ...
     @property
     def light(self) -> Light: ...
-    def to_netcdf(self, path: _Path, *, title: str = "Extinction by inversion") -> None: ...
+    @property
+    def lineage(self) -> Lineage: ...
+    def to_netcdf(
+        self, path: _Path, *, title: str = "Extinction by inversion", overwrite: bool = False
+    ) -> None: ...
     def to_xarray(self) -> Any: ...
     def _repr_html_(self) -> str: ...
 
 def invert(
     radiance: _Images,
     views: Optional[_Views] = None,
-    grid: Optional[Grid] = None,
+    grid: Optional[_Grid] = None,
     light: Optional[Light] = None,
     *,
     init: Union[float, _Extinction, Literal["auto"]] = 0.01,
@@ -606,10 +668,10 @@ def invert(
 def hybrid(
     radiance: _Images,
     views: Optional[_Views] = None,
-    network: Optional[Network] = None,
+    network: Union[Network, _Path, None] = None,
     light: Optional[Light] = None,
     *,
-    grid: Optional[Grid] = None,
+    grid: Optional[_Grid] = None,
     quick: bool = False,
     mask: Optional[_Mask] = None,
     standard_error: Optional[ArrayLike] = None,
@@ -655,14 +717,15 @@ class Figure:
     def __new__(cls, png: bytes) -> Figure: ...
     @property
     def png(self) -> bytes: ...
-    def save(self, path: _Path) -> None: ...
+    def save(self, path: _Path, *, overwrite: bool = False) -> None: ...
     def _repr_png_(self) -> bytes: ...
 
 def plot(
     what: Union[_Extinction, _Images, _Path],
     truth: Union[_Extinction, _Path, None] = None,
     *,
-    grid: Optional[Grid] = None,
+    grid: Optional[_Grid] = None,
     title: Optional[str] = None,
     out: Optional[_Path] = None,
+    overwrite: bool = False,
 ) -> Figure: ...

@@ -1,24 +1,26 @@
 """Estimates of fields that are larger than the memory, as dask arrays."""
 
-from ._deepct import Grid, Network, Observation, Views, carve as carve_mask
+from ._deepct import Network, Observation, Views, carve as carve_mask, grid_from
 
 _PIXELS = (("row", "target_row"), ("col", "target_col"))
 
 
 def infer(images, network="general", *, grid=None, carve=False, side=512):
-    """Estimate the extinction in images that are larger than the memory.
+    """Estimate the extinction in images, which may be larger than the memory.
 
-    The result is computed tile by tile when it is needed, on any scheduler of dask, such as a cluster of
-    ``dask.distributed``.
+    The result for a data set is computed tile by tile when it is needed, on any scheduler of dask, such as a
+    cluster of ``dask.distributed``. That for an ``Observation`` is the one of ``Network.estimate``.
 
     Parameters
     ----------
-    images : xarray.Dataset
-        The variables of a file of images, opened with ``chunks``; all images have the same size.
+    images : xarray.Dataset or Observation
+        The variables of a file of images, opened with ``chunks``; all images have the same size. Or images
+        in memory.
     network : Network, str or path
         The network, or its weights.
-    grid : Grid, optional
-        Grid of the estimate; by default, that of the network for these images.
+    grid : Grid, object or path, optional
+        Grid of the estimate: a ``Grid``, an object or a file that has one. By default, that of the network
+        for these images.
     carve : bool
         Set the extinction to zero outside of the mask that the images permit.
     side : int
@@ -26,13 +28,16 @@ def infer(images, network="general", *, grid=None, carve=False, side=512):
 
     Returns
     -------
-    xarray.Dataset
-        ``extinction`` and ``uncertainty`` (1/km) on ``z``, ``y``, ``x`` as dask arrays.
+    xarray.Dataset or Estimate
+        ``extinction`` and ``uncertainty`` (1/km) on ``z``, ``y``, ``x`` as dask arrays; for an
+        ``Observation``, an ``Estimate``.
 
     Raises
     ------
     ImportError
         dask or xarray is not installed.
+    TypeError
+        The images are neither a data set nor an observation.
     ValueError, DeepctError
         As ``Network.estimate``; those of a tile are raised when it is computed.
 
@@ -43,16 +48,23 @@ def infer(images, network="general", *, grid=None, carve=False, side=512):
         images = xarray.open_dataset("images.nc", chunks={})
         deepct_py.infer(images).to_zarr("volume.zarr")
     """
+    if not isinstance(network, Network):
+        network = Network.load(network)
+    if isinstance(images, Observation):
+        return _in_memory(images, network, grid, carve)
+    if not hasattr(images, "data_vars"):
+        raise TypeError(
+            f"images must be a data set of xarray or an Observation, not {type(images)}: open a file with "
+            "xarray.open_dataset(path, chunks={}), or read it with deepct_py.read_images(path)"
+        )
     import dask
     import dask.array
     import xarray
 
-    if not isinstance(network, Network):
-        network = Network.load(network)
     images = _with_targets(images)
-    views = _views(images)
-    if grid is None:
-        grid = network.grid(views)
+    corner = _corner(images)
+    views, lineage = _views(images, corner), corner.lineage.then("infer")
+    grid = network.grid(views) if grid is None else grid_from(grid)
     names = ("extinction", "uncertainty") if "uncertainty" in network.metadata["outputs"] else ("extinction",)
     # The weights travel to each worker once.
     shared = dask.delayed(network)
@@ -73,7 +85,10 @@ def infer(images, network="general", *, grid=None, carve=False, side=512):
             tile = [dask.array.from_delayed(array, shape, dtype="f4") for array in estimate]
         rows.setdefault(first, []).append(tile)
     attributes = {"units": "km-1"}
-    centres = zip(("z", "y", "x"), (grid.z, grid.y, grid.x))
+    coordinates = {name: (name, getattr(grid, name), {"units": "km"}) for name in ("z", "y", "x")}
+    if lineage.time is not None:
+        of_time = {"units": lineage.units, "calendar": lineage.calendar}
+        coordinates["time"] = ((), lineage.time, {name: text for name, text in of_time.items() if text})
     return xarray.Dataset(
         {
             name: (
@@ -83,8 +98,17 @@ def infer(images, network="general", *, grid=None, carve=False, side=512):
             )
             for number, name in enumerate(names)
         },
-        coords={name: (name, values, {"units": "km"}) for name, values in centres},
+        coords=coordinates,
+        attrs={"history": lineage.history},
     )
+
+
+def _in_memory(images, network, grid, carve):
+    """The estimate from images in memory."""
+    if carve and grid is None:
+        grid = network.grid(images.views)
+    mask = carve_mask(images, grid=grid) if carve else None
+    return network.estimate(images, grid=grid, mask=mask)
 
 
 def _estimate(network, images, around, inner, carved, names):
@@ -114,9 +138,13 @@ def _with_targets(images):
     return images
 
 
-def _views(images):
-    """The views of images whose pixels are not read but for four of them."""
-    corner = Observation.from_dataset(images.isel(row=slice(0, 2), col=slice(0, 2)).compute())
+def _corner(images):
+    """Four pixels of images, the others of which are not read."""
+    return Observation.from_dataset(images.isel(row=slice(0, 2), col=slice(0, 2)).compute())
+
+
+def _views(images, corner):
+    """The views of images."""
     first, size = [], []
     for axis, _ in _PIXELS:
         size.append(images.sizes[axis])

@@ -95,8 +95,7 @@ pub fn configuration(path: impl AsRef<Path>) -> Option<String> {
 }
 
 /// Whether a file was written by deepct, or changed by another program afterwards.
-pub fn is_own_file(path: impl AsRef<Path>) -> bool {
-    let path = path.as_ref();
+pub(super) fn is_own_file(path: &Path) -> bool {
     is_hdf5(path) && Input::open(path).is_ok_and(|input| input.text(VERSION).is_some())
 }
 
