@@ -15,7 +15,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 /// Time between two checks whether Ctrl-C was pressed.
-const CHECKED: Duration = Duration::from_millis(50);
+pub(crate) const CHECKED: Duration = Duration::from_millis(50);
 
 /// The largest number of threads that may be asked for.
 const MOST_THREADS: usize = 4096;

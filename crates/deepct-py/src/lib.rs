@@ -23,6 +23,7 @@ mod observation;
 mod plot;
 mod record;
 mod render;
+mod renderer;
 mod score;
 mod sense;
 mod view;
@@ -65,6 +66,8 @@ mod _deepct {
     use crate::plot::{Figure, plot};
     #[pymodule_export]
     use crate::render::{Rendering, render};
+    #[pymodule_export]
+    use crate::renderer::{Renderer, side_by_side};
     #[pymodule_export]
     use crate::score::{Scores, score};
     #[pymodule_export]

@@ -180,7 +180,7 @@ pub(crate) fn render<'py>(
     let lineage = Lineage::after(extinction, "render")?;
     let cloud = cloud_of(extinction, grid, effective_radius, &light)?;
     let views = match views {
-        Some(views) => views_of(views, &cloud)?,
+        Some(views) => views_of(views, &cloud.grid)?,
         None => {
             let problem = "views is missing: give Views, or the name or file of a formation";
             return Err(PyTypeError::new_err(problem));
@@ -278,12 +278,15 @@ fn cloud_of(
     cloud.map_err(raise)
 }
 
-/// The views of an argument: cameras, or a formation that points at the centre of the cloud and takes
-/// images of as many pixels as the cloud has columns.
-fn views_of(views: &Bound<'_, PyAny>, cloud: &cloud::Cloud) -> PyResult<Vec<scene::View>> {
+/// The views of an argument: cameras, or a formation that points at the centre of the grid and takes
+/// images of as many pixels as the grid has columns.
+pub(crate) fn views_of(
+    views: &Bound<'_, PyAny>,
+    grid: &deepct_core::grid::Grid,
+) -> PyResult<Vec<scene::View>> {
     if let Ok(name) = views.extract::<PathBuf>() {
-        let [_, rows, cols] = cloud.grid.shape;
-        return Ok(Views::find(&name, cloud.grid.center(), [rows, cols])?.0);
+        let [_, rows, cols] = grid.shape;
+        return Ok(Views::find(&name, grid.center(), [rows, cols])?.0);
     }
     Ok(views.extract::<ViewSequence>()?.0)
 }

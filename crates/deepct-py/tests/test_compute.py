@@ -56,6 +56,7 @@ os._exit(0)
         "deepct.invert(images.radiance, views, grid, images.light, misfit=0.0, change=0.0)",
         "deepct.render(cloud.extinction, grid, views, samples=10_000_000)",
         "deepct.render(cloud.extinction, grid, views, solver='ordinates', accuracy=0.004)",
+        "[deepct.Renderer(grid, views, images.light).images(cloud) for _ in range(100)]",
         "deepct.generate_cloud(deepct.Grid((60, 800, 800), (0.05, 0.05, 0.04), (0.0, 0.0, 0.48)), "
         "kind='field')",
         "deepct.sense(np.broadcast_to(np.float32(1.0), (24, 1024, 1024)))",

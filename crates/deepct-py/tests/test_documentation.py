@@ -18,7 +18,7 @@ EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
 PUBLIC = {name: getattr(deepct_py, name) for name in deepct_py.__all__}
 WITH_EXAMPLE = [
     "Cloud", "Figure", "Grid", "Light", "Network", "Observation", "Sensor", "View", "Views", "carve",
-    "generate_cloud", "hybrid", "invert", "plot", "render", "score", "sense",
+    "generate_cloud", "hybrid", "invert", "plot", "render", "Renderer", "score", "sense",
 ]
 
 

@@ -83,24 +83,29 @@ const THICK_CELL: f64 = 2.5;
 impl Rendering {
     /// Reasons why images by the discrete-ordinates solver may be wrong, as sentences.
     pub fn warnings(&self) -> Vec<String> {
-        let mut warnings = Vec::new();
-        if !self.converged && !self.interrupted {
-            warnings.push(
-                "the discrete-ordinates solver has not converged to its tolerance; the cloud is very \
-                 thick, or the domain is small and periodic: use the Monte Carlo solver"
-                    .to_owned(),
-            );
-        }
-        if self.thickest_cell > THICK_CELL {
-            warnings.push(format!(
-                "voxels are too thick for the discrete-ordinates solver, which splits them into \
-                 cells of an optical depth of up to {:.1}: thick parts of the cloud are several \
-                 percent too dark; use smaller voxels, a better accuracy, or the Monte Carlo solver",
-                self.thickest_cell
-            ));
-        }
-        warnings
+        warnings(self.converged || self.interrupted, self.thickest_cell)
     }
+}
+
+/// Reasons why images by the discrete-ordinates solver may be wrong, given whether it reached its
+/// tolerance and the largest delta-M scaled optical depth of a cell.
+fn warnings(converged: bool, thickest_cell: f64) -> Vec<String> {
+    let mut warnings = Vec::new();
+    if !converged {
+        warnings.push(
+            "the discrete-ordinates solver has not converged to its tolerance; the cloud is very \
+             thick, or the domain is small and periodic: use the Monte Carlo solver"
+                .to_owned(),
+        );
+    }
+    if thickest_cell > THICK_CELL {
+        warnings.push(format!(
+            "voxels are too thick for the discrete-ordinates solver, which splits them into cells \
+             of an optical depth of up to {thickest_cell:.1}: thick parts of the cloud are several \
+             percent too dark; use smaller voxels, a better accuracy, or the Monte Carlo solver"
+        ));
+    }
+    warnings
 }
 
 /// Progress of a rendering.

@@ -1,5 +1,9 @@
 //! Unscattered sunlight.
 
+mod tangent;
+
+pub(super) use tangent::sun_depth_change;
+
 use super::lattice::{Lattice, Segment, basis};
 use super::optics::Optics;
 use super::quadrature::gauss_legendre;

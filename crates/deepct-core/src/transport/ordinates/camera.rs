@@ -5,6 +5,10 @@
 //! forward peak ([`super::broadened`]). The molecular atmosphere scatters along the whole ray,
 //! between and in the cells.
 
+mod tangent;
+
+pub(super) use tangent::Change;
+
 use super::beam::{Rays, spread_sun_depth, sun_depth};
 use super::broadened::LEVELS;
 use super::optics::Changes;

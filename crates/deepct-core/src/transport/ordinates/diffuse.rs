@@ -1,5 +1,9 @@
 //! Diffuse radiance: sweeps through all octants until scattering and transport agree.
 
+mod tangent;
+
+pub(super) use tangent::Change;
+
 use super::beam::Rays;
 use super::lattice::Lattice;
 use super::quadrature::{Octant, Quadrature, degrees};
@@ -60,6 +64,8 @@ pub(super) struct Origin<'a> {
     pub(super) outside: &'a [Faces],
     /// Additional irradiance of the surface; empty if there is none.
     pub(super) irradiance: &'a [f32],
+    /// Radiance that results from a sweep in addition, such as that of sources by ordinate.
+    pub(super) swept: Option<&'a Field>,
 }
 
 /// Large arrays that every sweep requires, reused from one sweep to the next.
@@ -76,6 +82,11 @@ impl SweepBuffers {
         Self { source: vec![0.0; length], parts }
     }
 }
+
+/// Adds the moments of the radiance of a source in some octants, which are given with their numbers,
+/// to the array of these; their [`Faces`] are those of [`sweep`].
+type March<'a> =
+    dyn Fn(&[(usize, &Octant)], &mut [(&Octant, Faces)], &[f32], &mut Moments) + Sync + 'a;
 
 impl Transport<'_> {
     fn lattice(&self) -> &Lattice {
@@ -139,6 +150,19 @@ impl Transport<'_> {
     /// sides and from the surface. The sides and the irradiance of the result enter in the next
     /// sweep.
     fn sweep(&self, buffers: &mut SweepBuffers, origin: Origin, field: &Field) -> Field {
+        self.sweep_by(buffers, origin, field, &|_, ways, source, moments| {
+            sweep(self.medium(), ways, source, moments);
+        })
+    }
+
+    /// The same with another operation in place of [`sweep`] for the octants of one array.
+    fn sweep_by(
+        &self,
+        buffers: &mut SweepBuffers,
+        origin: Origin,
+        field: &Field,
+        march: &March,
+    ) -> Field {
         let octants: Vec<(usize, &Octant)> = self.quadrature.octants.iter().enumerate().collect();
         let SweepBuffers { source, parts } = buffers;
         let together = |(octants, moments): (&[(usize, &Octant)], &mut Moments)| {
@@ -149,7 +173,7 @@ impl Transport<'_> {
             for (number, octant) in octants {
                 ways.push((*octant, self.incoming(field, origin.outside, *number, octant)));
             }
-            sweep(self.medium(), &mut ways, source, moments);
+            march(octants, &mut ways, source, moments);
             for ((number, _), (_, mut faces)) in octants.iter().zip(ways) {
                 let opposite = &self.quadrature.octants[7 - number];
                 let lattice = self.lattice();
@@ -213,7 +237,10 @@ impl Transport<'_> {
         let mut before: Option<(f64, f64)> = None;
         loop {
             self.source(&field, origin, &mut buffers.source);
-            let next = self.sweep(&mut buffers, origin, &field);
+            let mut next = self.sweep(&mut buffers, origin, &field);
+            if let Some(swept) = origin.swept {
+                next.add(1.0, swept);
+            }
             sweeps += 1;
             let mut change = next.clone();
             change.add(-1.0, &field);
@@ -225,11 +252,11 @@ impl Transport<'_> {
             if size <= required * whole {
                 let factor = before.map_or(0.0, |(earlier, _)| (size / earlier).min(0.99));
                 let error = before.map_or(0.0, |(_, step)| step * factor / (1.0 - factor));
-                let excess = error / (ERROR_BY_CHANGE * tolerance * whole);
-                if excess <= 1.0 {
+                let allowed = ERROR_BY_CHANGE * tolerance * whole;
+                if error <= allowed {
                     return (next, sweeps);
                 }
-                required *= excess.recip().max(STRICTER);
+                required *= (allowed / error).max(STRICTER);
             }
             let (count, step) =
                 self.correct(&mut buffers, &mut field, change, required * whole, &go_on);

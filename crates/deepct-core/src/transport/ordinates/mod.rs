@@ -23,10 +23,11 @@ mod sky;
 mod surface_points;
 mod surroundings;
 mod sweep;
+mod tangent;
 
 pub use settings::OrdinatesSettings;
 
-use super::{Progress, Watch, check_scene, check_sizes};
+use super::{Progress, Watch, check_scene, check_sizes, warnings};
 use crate::error::{Error, Result};
 use crate::grid::{Mask, Volume};
 use crate::image::ViewStack;
@@ -136,12 +137,11 @@ impl OrdinatesModel {
         let scaling = optics::delta_m_scaling(&medium.scattering, settings.zenith_angles);
         let parts = |extinction: f32| parts(scaling * f64::from(extinction), scene, settings);
         let lattice = Lattice::new(grid, medium.interpolation, scene.boundary, prepared, parts);
-        let bytes = (diffuse::MOST_FIELDS * 4 * quadrature.harmonics * size_of::<f32>()) as f64;
         memory::check(
             "memory for the radiance in the cells of the discrete-ordinates solver (the Monte Carlo \
              solver, and a lower accuracy, need less)",
             lattice.len() as f64,
-            bytes,
+            bytes_of_cell(&quadrature),
         )?;
         let rise = lattice.grid.spacing.z / scene.sun.towards().z;
         let thickest = lattice.active().iter().map(|active| {
@@ -190,6 +190,11 @@ impl OrdinatesModel {
         (self.state, self.adjoint) = (None, None);
     }
 
+    /// Forgets the adjoint solution from which that of the next [`Self::gradient`] would start.
+    pub fn forget_adjoint(&mut self) {
+        self.adjoint = None;
+    }
+
     fn check_stop(&self) -> Result<()> {
         if self.stop.is_requested() { Err(Error::Interrupted) } else { Ok(()) }
     }
@@ -232,6 +237,21 @@ impl OrdinatesModel {
         self.lattice.len()
     }
 
+    /// Approximate memory (bytes) that a computation needs at most.
+    pub fn bytes(&self) -> f64 {
+        self.lattice.len() as f64 * bytes_of_cell(&self.quadrature)
+    }
+
+    /// Reasons why the last images may be wrong, as sentences.
+    pub fn warnings(&self) -> Vec<String> {
+        let scaled = self.state.iter().flat_map(|state| state.scaled.iter().enumerate());
+        let depths = scaled.map(|(slot, [mean, ..])| {
+            let active = &self.lattice.active()[self.lattice.owner(slot)];
+            f64::from(*mean) * self.lattice.longest_side(active.parts)
+        });
+        warnings(self.converged, depths.fold(0.0, f64::max))
+    }
+
     /// The largest optical depth of a cell along an axis, without the forward peak of scattering
     /// (delta-M scaled).
     pub fn thickest_cell(&self) -> f64 {
@@ -271,20 +291,14 @@ impl OrdinatesModel {
         let [rows, cols] = [self.views[0].rows, self.views[0].cols];
         let mut images = Array3::zeros((self.views.len(), rows, cols));
         let irradiance = self.scene.sun.irradiance;
-        let looked_at = |tile: &Tile| -> Vec<[usize; 2]> {
-            let counts = |[row, col]: &[usize; 2]| {
-                check_stop().is_ok()
-                    && self.pixels.as_ref().is_none_or(|pixels| pixels[[tile.view, *row, *col]])
-            };
-            tile.pixels().filter(counts).collect()
-        };
         let done = AtomicUsize::new(0);
         let seen = |tile: &Tile| -> Vec<([usize; 2], f64)> {
             let view = &self.views[tile.view];
             let prepared = camera.prepare(tile, view);
             let radiance =
                 |pixel: [usize; 2]| (pixel, irradiance * camera.radiance(view, pixel, &prepared));
-            let values = looked_at(tile).into_par_iter().map(radiance).collect();
+            let pixels = if check_stop().is_ok() { self.looked_at(tile) } else { Vec::new() };
+            let values = pixels.into_par_iter().map(radiance).collect();
             let done = done.fetch_add(1, Ordering::Relaxed) + 1;
             let share = done as f64 / self.tiles.len() as f64;
             watch.reached(&progress(SOLVED + (1.0 - SOLVED) * share));
@@ -326,6 +340,24 @@ impl OrdinatesModel {
         let grid = self.scene.medium.extinction.grid;
         let values = by_voxel.into_iter().map(|value| value as f32).collect();
         Volume::new(grid, Array3::from_shape_vec(grid.shape, values).expect("matching shape"))
+    }
+
+    /// Pixels of a tile that are computed.
+    fn looked_at(&self, tile: &Tile) -> Vec<[usize; 2]> {
+        let counts = |[row, col]: &[usize; 2]| {
+            self.pixels.as_ref().is_none_or(|pixels| pixels[[tile.view, *row, *col]])
+        };
+        tile.pixels().filter(counts).collect()
+    }
+
+    /// Mean and slopes of the extinction of each active cell, with and without the forward peak.
+    fn coefficients(&self, extinction: &[f32]) -> (Vec<[f32; 4]>, Vec<[f32; 4]>) {
+        let both = |slot: usize| {
+            let unscaled = self.lattice.coefficients(extinction, slot);
+            let scaling = self.optics.delta_m_scaling(self.lattice.owner(slot));
+            (unscaled, unscaled.map(|value| scaling * value))
+        };
+        (0..self.lattice.len()).map(both).unzip()
     }
 
     fn rays<'a>(&'a self, extinction: &'a [f32]) -> Rays<'a> {
@@ -381,16 +413,7 @@ impl OrdinatesModel {
 
     fn solve(&mut self, extinction: Vec<f32>, watch: &dyn Watch) {
         let rays = self.rays(&extinction);
-        let slots = 0..self.lattice.len();
-        let unscaled: Vec<_> =
-            slots.clone().map(|slot| self.lattice.coefficients(&extinction, slot)).collect();
-        let scaled: Vec<_> = slots
-            .zip(&unscaled)
-            .map(|(slot, unscaled)| {
-                let scaling = self.optics.delta_m_scaling(self.lattice.owner(slot));
-                unscaled.map(|value| scaling * value)
-            })
-            .collect();
+        let (unscaled, scaled) = self.coefficients(&extinction);
         let surroundings = &self.surroundings;
         let air = |altitude| surroundings.sun_depth(altitude);
         let sun_depths = rays.sun_depths(self.scene.sun.towards(), air);
@@ -409,7 +432,7 @@ impl OrdinatesModel {
             self.state.as_ref().map_or_else(|| transport.dark(), |state| state.field.clone());
         let OrdinatesSettings { tolerance, most_sweeps, .. } = self.settings;
         let irradiance = surroundings.start();
-        let origin = Origin { own: &first, outside: &outside, irradiance };
+        let origin = Origin { own: &first, outside: &outside, irradiance, ..Origin::default() };
         // Each sweep reduces the change by about the same factor.
         let go_on = |change: f64| {
             let share = change.min(1.0).ln() / tolerance.ln();
@@ -422,6 +445,11 @@ impl OrdinatesModel {
         self.state =
             Some(State { extinction, unscaled, scaled, sun_depths, shade, outside, first, field });
     }
+}
+
+/// Memory (bytes) that a cell needs at most.
+fn bytes_of_cell(quadrature: &Quadrature) -> f64 {
+    (diffuse::MOST_FIELDS * 4 * quadrature.harmonics * size_of::<f32>()) as f64
 }
 
 /// Progress of a solver without photon paths.

@@ -7,6 +7,8 @@
 //! operations use the same weights, so that each is the transpose of the other. Light of the cloud
 //! that the surrounding molecular atmosphere would scatter back is neglected.
 
+mod tangent;
+
 use super::beam::{PARTS, Rays, add_all};
 use super::lattice::Lattice;
 use super::quadrature::{Octant, Quadrature, gauss_legendre};

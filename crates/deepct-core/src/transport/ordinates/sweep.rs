@@ -54,6 +54,10 @@ pub(super) struct Medium<'a> {
 
 /// Operation on the radiance of each active cell.
 pub(super) trait Visit {
+    /// Change the source of a cell, `[4][ordinate]`, before its radiance is computed.
+    #[inline(always)]
+    fn source(&mut self, _octant: &Octant, _slot: usize, _source: &mut [f32]) {}
+
     /// Process the radiance of a cell, `[4][ordinate]`: mean and slopes.
     fn cell<S: Simd>(&mut self, simd: S, octant: &Octant, slot: usize, radiance: &[f32]);
 }
@@ -346,6 +350,7 @@ impl Row<'_> {
                     let slot = active.first as usize + (k * py + j) * px + i;
                     let moments = &source[slot * 4 * harmonics..][..4 * harmonics];
                     to_ordinates(simd, octant, moments, cell_source);
+                    visit.source(octant, slot, cell_source);
                     let faces = [
                         &mut x[(k * py + j) * face..][..face],
                         &mut y[(k * px + i) * face..][..face],
