@@ -14,7 +14,7 @@ mod population;
 mod scattering;
 mod water;
 
-pub use droplet_table::{DropletOptics, DropletTable, Mixture};
+pub use droplet_table::{DropletOptics, DropletTable, Mixture, MixtureDerivative};
 pub use mie::{Efficiencies, Sphere};
 pub use phase::{PhaseFunction, PhaseTable};
 pub use population::{DropletSettings, SizeDistribution};

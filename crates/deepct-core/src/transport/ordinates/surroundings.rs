@@ -7,7 +7,8 @@
 //! operations use the same weights, so that each is the transpose of the other. Light of the cloud
 //! that the surrounding molecular atmosphere would scatter back is neglected.
 
-use super::beam::{PARTS, Rays, add_all};
+use super::beam::{PARTS, Rays};
+use super::derivative::ByMedium;
 use super::lattice::Lattice;
 use super::quadrature::{Octant, Quadrature, gauss_legendre};
 use super::sky::Sky;
@@ -168,11 +169,11 @@ impl Surroundings {
         rays: &Rays,
         shade: &[f32],
         values: &[f64],
-        into: &mut [f64],
+        into: &mut ByMedium,
     ) {
         let size = values.len().div_ceil(PARTS).max(1);
         let part = |(part, values): (usize, &[f64])| {
-            let mut sums = vec![0.0; into.len()];
+            let mut sums = ByMedium::new(rays);
             for (number, value) in values.iter().enumerate().filter(|(_, value)| **value != 0.0) {
                 let point = part * size + number;
                 let ray = Ray { origin: self.shadow.point(point), direction: self.sun };
@@ -181,7 +182,7 @@ impl Surroundings {
             sums
         };
         let parts: Vec<_> = values.par_chunks(size).enumerate().map(part).collect();
-        add_all(into, &parts);
+        parts.iter().for_each(|part| into.add(part));
     }
 
     /// Average the shade around each point, because the faces of voxels are wider than the spacing
