@@ -1,4 +1,4 @@
-//! `invert` and `hybrid`: retrieval of the extinction with a forward model.
+//! `invert` and `hybrid`: retrieval of a cloud with a forward model.
 
 use crate::array::{Placed, copied, give, volume};
 use crate::cloud::read;
@@ -8,7 +8,7 @@ use crate::exchange::{dataset, provenance, write};
 use crate::grid::Grid;
 use crate::light::{Light, warn, warn_of_neglected};
 use crate::network::Network;
-use crate::observation::{Given, observation};
+use crate::observation::{Given, observations};
 use crate::record::{Record, attributes, record};
 use crate::view::ViewSequence;
 use deepct_core::carve::{CarveSettings, carve};
@@ -42,7 +42,9 @@ use std::path::PathBuf;
 /// ending : str
 ///     The reason for termination, as in the attribute.
 /// light : Light
-///     Scene illumination of the images.
+///     Scene illumination of the images, those of the first band.
+/// effective_radius : array, [z, y, x], optional
+///     Effective radius (um), if it was retrieved.
 #[pyclass(frozen, module = "deepct_py")]
 pub(crate) struct Reconstruction {
     /// The grid of the arrays.
@@ -63,16 +65,21 @@ pub(crate) struct Reconstruction {
     /// number of steps was reached) or "stalled" (the cost function no longer decreased).
     #[pyo3(get)]
     ending: String,
-    /// Scene illumination of the images.
+    /// Scene illumination of the images, those of the first band.
     #[pyo3(get)]
     light: Light,
+    /// Effective radius (um), 0 outside the mask: numpy.ndarray, float32, [z, y, x]; None if it was not
+    /// retrieved.
+    #[pyo3(get)]
+    effective_radius: Option<Py<PyArray3<f32>>>,
 }
 
 record!(Reconstruction);
 
 impl Record for Reconstruction {
     fn arguments<'py>(of: &Bound<'py, Self>) -> PyResult<Bound<'py, PyDict>> {
-        let names = ["grid", "extinction", "mask", "history", "ending", "light"];
+        let names =
+            ["grid", "extinction", "mask", "history", "ending", "light", "effective_radius"];
         attributes(of.as_any(), &names)
     }
 }
@@ -80,6 +87,7 @@ impl Record for Reconstruction {
 #[pymethods]
 impl Reconstruction {
     #[new]
+    #[pyo3(signature = (grid, extinction, mask, history, ending, light, effective_radius = None))]
     fn new(
         grid: Grid,
         extinction: &Bound<'_, PyAny>,
@@ -87,12 +95,18 @@ impl Reconstruction {
         history: &Bound<'_, PyAny>,
         ending: &str,
         light: Light,
+        effective_radius: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
         let py = extinction.py();
+        let radius = effective_radius.map(|radius| {
+            let values = volume(radius, "effective_radius")?.on(grid.0)?;
+            Volume::new(grid.0, values).map_err(raise)
+        });
         let values = volume(extinction, "extinction")?.on(grid.0)?;
         let mask = crate::array::mask(mask, "mask")?.on(grid.0)?;
         let core = inversion::Reconstruction {
             extinction: Volume::new(grid.0, values).map_err(raise)?,
+            effective_radius: radius.transpose()?,
             history: parsed(&dumped(history)?, "history")?,
             ending: parsed(&format!("\"{ending}\""), "ending")?,
         };
@@ -101,11 +115,14 @@ impl Reconstruction {
         Ok(Self { history: history.clone().unbind(), ..made })
     }
 
-    /// Write a netCDF file that all commands, `read_volume` and `read_mask` read.
+    /// Write a netCDF file that all commands, `read_cloud`, `read_volume` and `read_mask` read. If the
+    /// effective radius was retrieved, it contains the liquid water content.
     #[pyo3(signature = (path, *, title = "Extinction by inversion"))]
     fn to_netcdf(&self, py: Python<'_>, path: PathBuf, title: &str) -> PyResult<()> {
+        let volume = |values| Volume::new(self.grid.0, copied(py, values)?).map_err(raise);
         let core = inversion::Reconstruction {
-            extinction: Volume::new(self.grid.0, copied(py, &self.extinction)?).map_err(raise)?,
+            extinction: volume(&self.extinction)?,
+            effective_radius: self.effective_radius.as_ref().map(volume).transpose()?,
             history: parsed(&dumped(self.history.bind(py))?, "history")?,
             ending: parsed(&format!("\"{}\"", self.ending), "ending")?,
         };
@@ -138,6 +155,7 @@ impl Reconstruction {
             history: py.import("json")?.call_method1("loads", (history,))?.unbind(),
             ending: text(serde_json::to_string(&answer.ending)).trim_matches('"').to_owned(),
             light,
+            effective_radius: answer.effective_radius.map(|radius| give(py, radius.values)),
         })
     }
 }
@@ -155,7 +173,7 @@ fn parsed<T: serde::de::DeserializeOwned>(text: &str, name: &str) -> PyResult<T>
 
 /// The converted arguments that `invert` and `hybrid` have in common.
 struct Request {
-    observation: Observation,
+    bands: Vec<Observation>,
     mask: Option<Placed<bool>>,
     truth: Option<Placed<f32>>,
     settings: InversionSettings,
@@ -173,13 +191,13 @@ impl Request {
     fn on(
         self,
         grid: deepct_core::grid::Grid,
-    ) -> PyResult<(OnGrid, Observation, InversionSettings)> {
+    ) -> PyResult<(OnGrid, Vec<Observation>, InversionSettings)> {
         let mask = self.mask.map(|mask| mask.on(grid)).transpose()?;
         let truth = self.truth.map(|truth| truth.on(grid)).transpose()?;
-        Ok((OnGrid { grid, mask, truth }, self.observation, self.settings))
+        Ok((OnGrid { grid, mask, truth }, self.bands, self.settings))
     }
 
-    /// Retrieves the extinction on a grid.
+    /// Retrieves the cloud on a grid.
     fn solve(
         self,
         py: Python<'_>,
@@ -194,16 +212,19 @@ impl Request {
         + Send
         + 'static,
     ) -> PyResult<Reconstruction> {
-        let light = Light {
-            core: self.observation.light.clone(),
-            assumed: self.observation.assumed.clone(),
-        };
-        light.warn_of_assumed(py)?;
-        warn_of_neglected(py, &light.core)?;
-        let (on_grid, observation, settings) = self.on(grid)?;
-        let solved = at_length(py, progress, move |watch| {
-            on_grid.solve(&observation, &settings, watch, method)
-        })?;
+        let lights = self
+            .bands
+            .iter()
+            .map(|band| Light { core: band.light.clone(), assumed: band.assumed.clone() });
+        let lights: Vec<Light> = lights.collect();
+        for light in &lights {
+            light.warn_of_assumed(py)?;
+            warn_of_neglected(py, &light.core)?;
+        }
+        let light = lights[0].clone();
+        let (on_grid, bands, settings) = self.on(grid)?;
+        let solved =
+            at_length(py, progress, move |watch| on_grid.solve(&bands, &settings, watch, method))?;
         for warning in &solved.warnings {
             warn(py, warning)?;
         }
@@ -213,17 +234,17 @@ impl Request {
 
 impl OnGrid {
     /// The given mask or, if there is none, the mask carved from the images, with warnings.
-    fn mask(&mut self, observation: &Observation) -> Result<(Mask, Vec<String>)> {
+    fn mask(&mut self, bands: &[Observation]) -> Result<(Mask, Vec<String>)> {
         let mut warnings = Vec::new();
         let mask = match self.mask.take() {
             Some(values) => Mask::new(self.grid, values)?,
             None => {
-                let carved = carve(observation, &self.grid, &CarveSettings::default())?;
+                let carved = carve(&bands[0], &self.grid, &CarveSettings::default())?;
                 warnings.extend(carved.warning());
                 carved.mask
             }
         };
-        let unseen = mask.count() - inversion::shown(&mask, observation)?.count();
+        let unseen = mask.count() - inversion::shown(&mask, bands)?.count();
         if unseen > 0 && unseen < mask.count() {
             let count = mask.count();
             warnings.push(format!(
@@ -236,7 +257,7 @@ impl OnGrid {
 
     fn solve(
         mut self,
-        observation: &Observation,
+        bands: &[Observation],
         settings: &InversionSettings,
         watch: &Watch,
         method: impl FnOnce(
@@ -247,12 +268,11 @@ impl OnGrid {
         ) -> Result<Answer>,
     ) -> Result<Solved> {
         let truth = self.truth.take().map(|values| Volume::new(self.grid, values)).transpose()?;
-        let (mask, mut warnings) = self.mask(observation)?;
-        let scene = observation.light.scene_of(Volume::constant(self.grid, 0.0))?;
-        let views = observation.views.clone();
-        let mut models = OrdinatesModels::new(scene, views, OrdinatesSettings::default());
+        let (mask, mut warnings) = self.mask(bands)?;
+        let solver = OrdinatesSettings::default();
+        let mut models = OrdinatesModels::of(bands, &self.grid, settings.radius, solver)?;
         models.stop = watch.stop.clone();
-        let problem = Problem { observation, mask: &mask, truth: truth.as_ref() };
+        let problem = Problem { bands, mask: &mask, truth: truth.as_ref() };
         let answer = method(&problem, &mut models, settings, watch)?;
         if let Some(misfit) = answer.unexplained() {
             warnings.push(format!(
@@ -281,8 +301,8 @@ struct Solved {
 ///
 /// Parameters
 /// ----------
-/// radiance : Observation, or array [view, row, col]
-///     Images (1/sr).
+/// radiance : Observation, array [view, row, col], or list of Observation
+///     Images (1/sr), or those of each band. The extinction and the mask are those of the first band.
 /// views : Views or sequence of View, optional
 ///     The camera geometry of each image, unless the images are an observation.
 /// grid : Grid
@@ -306,7 +326,8 @@ struct Solved {
 ///     those of `Reconstruction.history` after each step; an exception that it raises ends the
 ///     computation.
 /// **settings
-///     Settings of the inversion, such as `iterations`. The command `deepct config invert` lists
+///     Settings of the inversion, such as `iterations`, or `radius`, with which the effective radius is
+///     retrieved: "uniform", "adiabatic" or "field". The command `deepct config invert` lists
 ///     them under `[inversion]`.
 ///
 /// Returns
@@ -352,7 +373,7 @@ pub(crate) fn invert<'py>(
     let given = Given { views, light, standard_error, saturated };
     let default_light = |_: &_| Ok(Light::from(scene::Light::default()));
     let request = Request {
-        observation: observation(radiance, given, default_light)?,
+        bands: observations(radiance, given, default_light)?,
         mask: mask.map(|values| crate::array::mask(values, "mask")).transpose()?,
         truth: truth.map(|values| volume(values, "truth")).transpose()?,
         settings: keywords(py, settings)?,
@@ -462,7 +483,7 @@ pub(crate) fn hybrid<'py>(
     let network = network.get();
     let given = Given { views, light, standard_error, saturated };
     let mut request = Request {
-        observation: observation(radiance, given, |_| network.default_light())?,
+        bands: observations(radiance, given, |_| network.default_light())?,
         mask: mask.map(|values| crate::array::mask(values, "mask")).transpose()?,
         truth: truth.map(|values| volume(values, "truth")).transpose()?,
         settings: keywords(py, settings)?,
@@ -473,7 +494,7 @@ pub(crate) fn hybrid<'py>(
     let network = network.inner();
     let grid = match grid {
         Some(Grid(grid)) => grid,
-        None => network_grid(&network, &request.observation).map_err(raise)?,
+        None => network_grid(&network, &request.bands[0]).map_err(raise)?,
     };
     request.solve(py, grid, &progress, move |problem, models, settings, watch| {
         if quick {

@@ -64,6 +64,8 @@ const UNEXPLAINED: f64 = 100.0;
 pub struct Reconstruction {
     /// The extinction (1/km), 0 outside the mask.
     pub extinction: Volume,
+    /// The effective radius (um), 0 outside the mask; `None` if it was given.
+    pub effective_radius: Option<Volume>,
     /// The record of each iteration.
     pub history: Vec<Record>,
     /// The reason why the inversion ended.
@@ -71,6 +73,18 @@ pub struct Reconstruction {
 }
 
 impl Reconstruction {
+    /// The mean effective radius (um), weighted by the extinction; `None` if it was given, or if there
+    /// is no cloud.
+    pub fn mean_effective_radius(&self) -> Option<f64> {
+        let pairs = self.effective_radius.iter().flat_map(|radius| &radius.values);
+        let (mut sum, mut total) = (0.0, 0.0);
+        for (extinction, radius) in self.extinction.values.iter().zip(pairs) {
+            sum += f64::from(*extinction) * f64::from(*radius);
+            total += f64::from(*extinction);
+        }
+        (total > 0.0).then(|| sum / total).filter(|_| self.effective_radius.is_some())
+    }
+
     /// The misfit at the end, if it is so large that the extinction does not explain the images, as
     /// when an inversion cannot leave its start. `None` if it was not allowed to.
     pub fn unexplained(&self) -> Option<f64> {

@@ -572,6 +572,7 @@ class Reconstruction:
         history: list[dict[str, Any]],
         ending: str,
         light: Light,
+        effective_radius: Optional[ArrayLike] = None,
     ) -> Reconstruction: ...
     @property
     def grid(self) -> Grid: ...
@@ -585,12 +586,14 @@ class Reconstruction:
     def ending(self) -> str: ...
     @property
     def light(self) -> Light: ...
+    @property
+    def effective_radius(self) -> Optional[_Floats]: ...
     def to_netcdf(self, path: _Path, *, title: str = "Extinction by inversion") -> None: ...
     def to_xarray(self) -> Any: ...
     def _repr_html_(self) -> str: ...
 
 def invert(
-    radiance: _Images,
+    radiance: Union[_Images, Sequence[Observation]],
     views: Optional[_Views] = None,
     grid: Optional[Grid] = None,
     light: Optional[Light] = None,
@@ -604,7 +607,7 @@ def invert(
     **settings: Any,
 ) -> Reconstruction: ...
 def hybrid(
-    radiance: _Images,
+    radiance: Union[_Images, Sequence[Observation]],
     views: Optional[_Views] = None,
     network: Optional[Network] = None,
     light: Optional[Light] = None,
