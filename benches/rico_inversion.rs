@@ -64,7 +64,8 @@ fn main() -> Result<(), AnyError> {
     println!("blocks  step   misfit  epsilon    delta  seconds");
     let mut models =
         OrdinatesModels::new(scene, observation.views.clone(), OrdinatesSettings::default());
-    let problem = Problem { observation: &observation, mask: &mask, truth: Some(&truth) };
+    let problem =
+        Problem { bands: std::slice::from_ref(&observation), mask: &mask, truth: Some(&truth) };
     invert(&problem, &mut models, &Start::Constant(0.01), &settings, &Rows)?;
     Ok(())
 }

@@ -11,6 +11,7 @@ use crate::outcome::Outcome;
 use crate::summary;
 use deepct_core::carve::carve;
 use deepct_core::grid::{Grid, Volume};
+use deepct_core::inversion::Radius;
 use deepct_core::io::{ImagesFile, Provenance, read_observation};
 use deepct_core::network::{Estimate, Estimator};
 use deepct_core::scene::{Observation, Tile};
@@ -90,6 +91,13 @@ impl<'a> Run<'a> {
     fn field(&self, mut file: ImagesFile, grid: Grid) -> Result<Outcome> {
         let Self { args, global, network, .. } = self;
         let images = &args.images;
+        if self.settings.inversion.radius != Radius::Given {
+            return Err(Error::out_of_range(
+                "inversion.radius",
+                "not given",
+                format!("given for a field of more than {} columns", TILE + 2 * HALO),
+            ));
+        }
         let mut corner = file.part(0..1, 0..1)?;
         resolve_light(&mut corner, images, &self.given, global.quiet)?;
         let light = corner.light.clone();
@@ -150,10 +158,10 @@ impl<'a> Run<'a> {
         Job {
             quick: args.quick,
             what: "hybrid",
-            images: &args.images,
+            images: std::slice::from_ref(&args.images),
             flags: &args.flags,
             settings: self.settings.clone(),
-            observation,
+            bands: vec![observation],
             grid: start.extinction.grid,
             start: start.into(),
             init: args.network.weights.display().to_string(),

@@ -12,8 +12,8 @@ use deepct_core::carve::{CarveSettings, carve};
 use deepct_core::files::check_output;
 use deepct_core::grid::{Grid, Mask, Volume};
 use deepct_core::inversion::{
-    Ending, Explanation, InversionSettings, OrdinatesModels, Problem, Reconstruction, Start,
-    invert, resume, shown,
+    Ending, Explanation, InversionSettings, OrdinatesModels, Problem, Radius, Reconstruction,
+    Start, invert, resume, shown,
 };
 use deepct_core::io::{
     Provenance, inversion_identity, read_checkpoint, read_cloud, read_mask, write_reconstruction,
@@ -34,6 +34,10 @@ pub(crate) struct Flags {
     /// Maximum number of optimiser steps, which replaces the setting inversion.iterations
     #[arg(long, value_name = "K")]
     iterations: Option<usize>,
+    /// Unknowns that describe the effective radius, which replaces the setting inversion.radius: given
+    /// (none), uniform (one radius), adiabatic (a profile above the cloud base) or field (each voxel)
+    #[arg(long, value_name = "NAME")]
+    radius: Option<String>,
     /// File of the true cloud; the errors with respect to it are reported after each step
     #[arg(long, value_name = "C.nc")]
     pub(crate) truth: Option<PathBuf>,
@@ -67,13 +71,23 @@ impl Flags {
     /// file of the images.
     pub(crate) fn resolve(&self) -> Result<(InvertSettings, Values)> {
         check_output(&self.out)?;
-        let (settings, mut values): (InvertSettings, Values) =
+        let (mut settings, mut values): (InvertSettings, Values) =
             self.settings.resolve_with_light(defaults::INVERT)?;
+        if let Some(name) = &self.radius {
+            settings.inversion.radius = parse_radius(name)?;
+        }
         settings.inversion.check()?;
         settings.solver.check()?;
         values.extend(self.light.values(&[])?);
         Ok((settings, values))
     }
+}
+
+fn parse_radius(name: &str) -> Result<Radius> {
+    let name = toml::Value::String(name.to_owned());
+    name.clone()
+        .try_into()
+        .map_err(|_| Error::out_of_range("--radius", name, "given, uniform, adiabatic or field"))
 }
 
 /// The settings of a run.
@@ -120,13 +134,14 @@ impl SolverSettings {
 pub(crate) struct Job<'a> {
     /// Name shown in the progress report.
     pub(crate) what: &'static str,
-    /// Path of the images.
-    pub(crate) images: &'a Path,
+    /// Path of the images of each band.
+    pub(crate) images: &'a [PathBuf],
     pub(crate) flags: &'a Flags,
     /// Whether to use the looser solver settings of the quick hybrid for the steps.
     pub(crate) quick: bool,
     pub(crate) settings: InvertSettings,
-    pub(crate) observation: Observation,
+    /// The images of each band.
+    pub(crate) bands: Vec<Observation>,
     /// Grid of the estimate.
     pub(crate) grid: Grid,
     pub(crate) start: Start,
@@ -137,12 +152,13 @@ pub(crate) struct Job<'a> {
 /// Parameters of the run, recorded in the output file.
 #[derive(Debug, Serialize)]
 struct Resolved<'a> {
-    images: &'a Path,
+    images: &'a [PathBuf],
     init: &'a str,
     mask: Option<&'a Path>,
     #[serde(flatten)]
     settings: &'a InvertSettings,
-    light: &'a Light,
+    /// The scene illumination of each band.
+    light: Vec<&'a Light>,
 }
 
 impl Job<'_> {
@@ -151,7 +167,7 @@ impl Job<'_> {
         let flags = self.flags;
         self.settings.inversion.iterations = self.iterations();
         let mask = self.mask()?;
-        let unseen = mask.count() - shown(&mask, &self.observation)?.count();
+        let unseen = mask.count() - shown(&mask, &self.bands)?.count();
         if unseen > 0 && unseen < mask.count() {
             note!(
                 "deepct: no image shows {unseen} of {} voxels of the mask: their extinction is not \
@@ -160,8 +176,7 @@ impl Job<'_> {
             );
         }
         let truth = flags.truth.as_deref().map(|path| self.truth(path)).transpose()?;
-        let problem =
-            Problem { observation: &self.observation, mask: &mask, truth: truth.as_ref() };
+        let problem = Problem { bands: &self.bands, mask: &mask, truth: truth.as_ref() };
         let checkpoint = beside(&flags.out);
         let identity = inversion_identity(&problem, &self.start, &self.configuration());
         if checkpoint.exists() && !flags.resume && !global.quiet {
@@ -172,14 +187,14 @@ impl Job<'_> {
         }
         let reconstruction = self
             .invert(global, &problem, Some((&checkpoint, &identity)))
-            .map_err(Error::in_file(self.images))?;
+            .map_err(Error::in_file(&self.images[0]))?;
         let provenance = Provenance {
             title: "Extinction by inversion".into(),
             configuration: self.resolved(&self.settings),
             seed: global.seed,
-            lineage: lineage(self.what, self.images),
+            lineage: lineage(self.what, &self.images[0]),
         };
-        write_reconstruction(&flags.out, &reconstruction, &mask, &self.observation, &provenance)?;
+        write_reconstruction(&flags.out, &reconstruction, &mask, &self.bands[0], &provenance)?;
         if reconstruction.ending == Ending::Interrupted && stopped() {
             note!("deepct: stopped early; repeat the command with --resume to continue");
         } else if checkpoint.exists() {
@@ -228,9 +243,10 @@ impl Job<'_> {
     /// tile: the pixels of lines of sight that pass through it are left out.
     pub(crate) fn tile(mut self, global: &Global, mask: &Mask, field: &Grid) -> Result<Volume> {
         self.settings.inversion.iterations = self.iterations();
-        self.observation = within(self.observation, &self.grid, field);
-        let problem = Problem { observation: &self.observation, mask, truth: None };
-        if shown(mask, &self.observation)?.count() == 0 {
+        let parts = self.bands.into_iter().map(|band| within(band, &self.grid, field));
+        self.bands = parts.collect();
+        let problem = Problem { bands: &self.bands, mask, truth: None };
+        if shown(mask, &self.bands)?.count() == 0 {
             return Ok(Volume::constant(self.grid, 0.0));
         }
         Ok(self.invert(global, &problem, None)?.extinction)
@@ -241,14 +257,12 @@ impl Job<'_> {
     }
 
     fn truth(&self, path: &Path) -> Result<Volume> {
-        self.observation.light.extinction(&read_cloud(path)?).map_err(Error::in_file(path))
+        self.bands[0].light.extinction(&read_cloud(path)?).map_err(Error::in_file(path))
     }
 
     fn models(&self) -> Result<OrdinatesModels> {
-        let scene = self.observation.light.scene_of(Volume::constant(self.grid, 0.0))?;
-        let solver = &self.settings.solver;
-        let views = self.observation.views.clone();
-        let mut models = OrdinatesModels::new(scene, views, solver.ordinates());
+        let (solver, radius) = (&self.settings.solver, self.settings.inversion.radius);
+        let mut models = OrdinatesModels::of(&self.bands, &self.grid, radius, solver.ordinates())?;
         models.settings.zenith_angles = solver.step_zenith_angles;
         models.stop = stop();
         Ok(if self.quick { models.quick() } else { models })
@@ -257,12 +271,13 @@ impl Job<'_> {
     /// The given mask, or else a carved one, on the grid of the estimate.
     fn mask(&self) -> Result<Mask> {
         let Some(path) = &self.flags.mask else {
-            let carved = carve(&self.observation, &self.grid, &self.settings.carve);
-            let carved = carved.map_err(Error::in_file(self.images))?;
+            let images = &self.images[0];
+            let carved = carve(&self.bands[0], &self.grid, &self.settings.carve);
+            let carved = carved.map_err(Error::in_file(images))?;
             // A mask that no image shows is refused later on.
-            let is_shown = shown(&carved.mask, &self.observation)?.count() > 0;
+            let is_shown = shown(&carved.mask, &self.bands)?.count() > 0;
             if let Some(warning) = carved.warning().filter(|_| is_shown) {
-                note!("deepct: warning: {}: {warning}", self.images.display());
+                note!("deepct: warning: {}: {warning}", images.display());
             }
             return Ok(carved.mask);
         };
@@ -284,7 +299,7 @@ impl Job<'_> {
             init: &self.init,
             mask: self.flags.mask.as_deref(),
             settings,
-            light: &self.observation.light,
+            light: self.bands.iter().map(|band| &band.light).collect(),
         };
         toml::to_string(&resolved).expect("plain numbers and text")
     }
@@ -331,7 +346,7 @@ fn beside(out: &Path) -> PathBuf {
 /// What is printed about an inversion.
 #[derive(Debug, Serialize)]
 struct Summary<'a> {
-    images: &'a Path,
+    images: &'a [PathBuf],
     out: &'a Path,
     /// Number of voxels of the grid, and of those inside the mask.
     voxels: usize,
@@ -349,11 +364,14 @@ struct Summary<'a> {
     ending: &'static str,
     /// Largest extinction (1/km).
     largest: f32,
+    /// Mean effective radius (um), weighted by the extinction, if it was retrieved.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    effective_radius: Option<f64>,
 }
 
 impl<'a> Summary<'a> {
-    fn of(images: &'a Path, out: &'a Path, result: &'a Reconstruction, mask: &Mask) -> Self {
-        let Reconstruction { extinction, history, ending } = result;
+    fn of(images: &'a [PathBuf], out: &'a Path, result: &'a Reconstruction, mask: &Mask) -> Self {
+        let Reconstruction { extinction, history, ending, .. } = result;
         let last = history.last();
         Self {
             images,
@@ -367,6 +385,7 @@ impl<'a> Summary<'a> {
             mass_error: last.and_then(|last| last.mass_error),
             ending: ending.description(),
             largest: extinction.values.iter().copied().fold(0.0, f32::max),
+            effective_radius: result.mean_effective_radius(),
         }
     }
 }
@@ -381,5 +400,8 @@ impl summary::Summary for Summary<'_> {
             say!("delta    {delta:.4}");
         }
         say!("largest  {:.3} km-1", self.largest);
+        if let Some(radius) = self.effective_radius {
+            say!("radius   {radius:.2} um");
+        }
     }
 }

@@ -1,4 +1,4 @@
-//! `deepct invert`: extinction of a cloud from its images, by inversion of the radiative transfer.
+//! `deepct invert`: a cloud from its images, by inversion of the radiative transfer.
 
 use crate::global::Global;
 use crate::inversion::{Flags, Job};
@@ -15,12 +15,17 @@ use std::path::PathBuf;
 /// from the file of the images. Options may replace its values; the defaults listed below apply
 /// only to values that the file lacks. Every replaced or assumed value is reported.
 ///
+/// With --radius, the effective radius is retrieved too. A second file of images, in a shortwave-infrared
+/// band that droplets absorb, determines it much better; the extinction and the mask are those of the
+/// first file.
+///
 /// `deepct config invert` prints the settings of the solver, the optimiser and its stopping
 /// criteria.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
-    /// File of images
-    images: PathBuf,
+    /// File of images, or one file of images of the same cloud for each band
+    #[arg(required = true)]
+    images: Vec<PathBuf>,
     /// Grid of the estimate: the file of a cloud or volume, or a TOML file (see `deepct formats`)
     #[arg(long, value_name = "C.nc|GRID.toml")]
     grid: PathBuf,
@@ -40,15 +45,19 @@ pub(crate) struct Args {
 pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let (settings, given) = args.flags.resolve()?;
     let start = start(&args.init)?;
-    let mut observation = read_observation(&args.images)?;
-    resolve_light(&mut observation, &args.images, &given, global.quiet)?;
+    let read = |path: &PathBuf| {
+        let mut observation = read_observation(path)?;
+        resolve_light(&mut observation, path, &given, global.quiet)?;
+        Ok(observation)
+    };
+    let bands = args.images.iter().map(read).collect::<Result<_>>()?;
     let job = Job {
         quick: false,
         what: "invert",
         images: &args.images,
         flags: &args.flags,
         settings,
-        observation,
+        bands,
         grid: read_grid(&args.grid)?,
         start,
         init: args.init.clone(),

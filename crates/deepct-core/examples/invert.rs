@@ -32,7 +32,8 @@ fn main() -> Result<()> {
 
     // Inversion with the deterministic solver and its derivatives.
     let mask = carve(&observation, &grid, &CarveSettings::default())?.mask;
-    let problem = Problem { observation: &observation, mask: &mask, truth: Some(&cloud) };
+    let problem =
+        Problem { bands: std::slice::from_ref(&observation), mask: &mask, truth: Some(&cloud) };
     let mut models = OrdinatesModels::new(scene, views, OrdinatesSettings::default());
     let settings = InversionSettings { iterations: 15, coarse: vec![2], ..Default::default() };
     let found = invert(&problem, &mut models, &Start::Constant(0.01), &settings, &())?;

@@ -240,7 +240,7 @@ fn black_images_are_not_inverted() {
     let images = stack(Array3::zeros((views.len(), 8, 8)));
     let observation = Observation::new(Light::default(), views, images).unwrap();
     let mask = Mask::new(grid, Array3::from_elem(grid.shape, true)).unwrap();
-    let problem = Problem { observation: &observation, mask: &mask, truth: None };
+    let problem = Problem { bands: std::slice::from_ref(&observation), mask: &mask, truth: None };
     let settings = InversionSettings::default();
     let medium = box_of(0.0, [1, 1, 1]);
     let medium = Medium { extinction: Volume::constant(grid, 0.0), ..medium };

@@ -1,6 +1,6 @@
-//! `invert` and `hybrid`: retrieval of the extinction with a forward model.
+//! `invert` and `hybrid`: retrieval of a cloud with a forward model.
 
-use crate::array::{Placed, copied, give};
+use crate::array::{Placed, copied, give, volume};
 use crate::cloud::read;
 use crate::compute::{Progress, Watch, at_length};
 use crate::error::raise;
@@ -10,7 +10,7 @@ use crate::grid::Grid;
 use crate::light::{Light, warn, warn_of_neglected};
 use crate::lineage::Lineage;
 use crate::network::NetworkChoice;
-use crate::observation::{Given, observation};
+use crate::observation::{Given, observations};
 use crate::record::{Record, attributes, record};
 use crate::view::ViewSequence;
 use deepct_core::carve::{CarveSettings, carve};
@@ -44,7 +44,9 @@ use std::path::PathBuf;
 /// ending : str
 ///     The reason for termination, as in the attribute.
 /// light : Light
-///     Scene illumination of the images.
+///     Scene illumination of the images, those of the first band.
+/// effective_radius : array, [z, y, x], optional
+///     Effective radius (um), if it was retrieved.
 /// lineage : Lineage, optional
 ///     Its time and history. Default: unknown.
 #[pyclass(frozen, module = "deepct_py")]
@@ -67,9 +69,13 @@ pub(crate) struct Reconstruction {
     /// number of steps was reached) or "stalled" (the cost function no longer decreased).
     #[pyo3(get)]
     ending: String,
-    /// Scene illumination of the images.
+    /// Scene illumination of the images, those of the first band.
     #[pyo3(get)]
     light: Light,
+    /// Effective radius (um), 0 outside the mask: numpy.ndarray, float32, [z, y, x]; None if it was not
+    /// retrieved.
+    #[pyo3(get)]
+    effective_radius: Option<Py<PyArray3<f32>>>,
     /// Its time and history.
     #[pyo3(get)]
     lineage: Lineage,
@@ -79,7 +85,16 @@ record!(Reconstruction);
 
 impl Record for Reconstruction {
     fn arguments<'py>(of: &Bound<'py, Self>) -> PyResult<Bound<'py, PyDict>> {
-        let names = ["grid", "extinction", "mask", "history", "ending", "light", "lineage"];
+        let names = [
+            "grid",
+            "extinction",
+            "mask",
+            "history",
+            "ending",
+            "light",
+            "effective_radius",
+            "lineage",
+        ];
         attributes(of.as_any(), &names)
     }
 }
@@ -87,7 +102,11 @@ impl Record for Reconstruction {
 #[pymethods]
 impl Reconstruction {
     #[new]
-    #[pyo3(signature = (grid, extinction, mask, history, ending, light, *, lineage = None))]
+    #[pyo3(signature = (
+        grid, extinction, mask, history, ending, light, effective_radius = None, *, lineage = None,
+    ))]
+    // In Python the last two have defaults.
+    #[allow(clippy::too_many_arguments)]
     fn new(
         grid: Grid,
         extinction: &Bound<'_, PyAny>,
@@ -95,13 +114,19 @@ impl Reconstruction {
         history: &Bound<'_, PyAny>,
         ending: &str,
         light: Light,
+        effective_radius: Option<&Bound<'_, PyAny>>,
         lineage: Option<Lineage>,
     ) -> PyResult<Self> {
         let py = extinction.py();
+        let radius = effective_radius.map(|radius| {
+            let values = volume(radius, "effective_radius")?.on(grid.0)?;
+            Volume::new(grid.0, values).map_err(raise)
+        });
         let values = field::extinction(extinction, "extinction", &light.core)?.on(grid.0)?;
         let mask = field::mask(mask, "mask")?.on(grid.0)?;
         let core = inversion::Reconstruction {
             extinction: Volume::new(grid.0, values).map_err(raise)?,
+            effective_radius: radius.transpose()?,
             history: parsed(&dumped(history)?, "history")?,
             ending: parsed(&format!("\"{ending}\""), "ending")?,
         };
@@ -111,8 +136,9 @@ impl Reconstruction {
         Ok(Self { history: history.clone().unbind(), ..made })
     }
 
-    /// Write a netCDF file that all commands, `read_volume` and `read_mask` read. A file that deepct did
-    /// not write is replaced only with `overwrite`.
+    /// Write a netCDF file that all commands, `read_cloud`, `read_volume` and `read_mask` read. If the
+    /// effective radius was retrieved, it contains the liquid water content. A file that deepct did not
+    /// write is replaced only with `overwrite`.
     #[pyo3(signature = (path, *, title = "Extinction by inversion", overwrite = false))]
     fn to_netcdf(
         &self,
@@ -121,8 +147,10 @@ impl Reconstruction {
         title: &str,
         overwrite: bool,
     ) -> PyResult<()> {
+        let volume = |values| Volume::new(self.grid.0, copied(py, values)?).map_err(raise);
         let core = inversion::Reconstruction {
-            extinction: Volume::new(self.grid.0, copied(py, &self.extinction)?).map_err(raise)?,
+            extinction: volume(&self.extinction)?,
+            effective_radius: self.effective_radius.as_ref().map(volume).transpose()?,
             history: parsed(&dumped(self.history.bind(py))?, "history")?,
             ending: parsed(&format!("\"{}\"", self.ending), "ending")?,
         };
@@ -157,6 +185,7 @@ impl Reconstruction {
             history: py.import("json")?.call_method1("loads", (history,))?.unbind(),
             ending: text(serde_json::to_string(&answer.ending)).trim_matches('"').to_owned(),
             light,
+            effective_radius: answer.effective_radius.map(|radius| give(py, radius.values)),
             lineage,
         })
     }
@@ -175,7 +204,7 @@ fn parsed<T: serde::de::DeserializeOwned>(text: &str, name: &str) -> PyResult<T>
 
 /// The converted arguments that `invert` and `hybrid` have in common.
 struct Request {
-    observation: Observation,
+    bands: Vec<Observation>,
     mask: Option<Placed<bool>>,
     truth: Option<Placed<f32>>,
     settings: InversionSettings,
@@ -191,29 +220,29 @@ struct OnGrid {
 
 impl Request {
     fn new(
-        observation: Observation,
+        bands: Vec<Observation>,
         mask: Option<&Bound<'_, PyAny>>,
         truth: Option<&Bound<'_, PyAny>>,
         settings: InversionSettings,
         lineage: Lineage,
     ) -> PyResult<Self> {
-        let light = &observation.light;
+        let light = &bands[0].light;
         let truth = truth.map(|truth| field::extinction(truth, "truth", light)).transpose()?;
         let mask = mask.map(|mask| field::mask(mask, "mask")).transpose()?;
-        Ok(Self { observation, mask, truth, settings, lineage })
+        Ok(Self { bands, mask, truth, settings, lineage })
     }
 
     /// The request on a grid, to which what it contains must belong.
     fn on(
         self,
         grid: deepct_core::grid::Grid,
-    ) -> PyResult<(OnGrid, Observation, InversionSettings)> {
+    ) -> PyResult<(OnGrid, Vec<Observation>, InversionSettings)> {
         let mask = self.mask.map(|mask| mask.on(grid)).transpose()?;
         let truth = self.truth.map(|truth| truth.on(grid)).transpose()?;
-        Ok((OnGrid { grid, mask, truth }, self.observation, self.settings))
+        Ok((OnGrid { grid, mask, truth }, self.bands, self.settings))
     }
 
-    /// Retrieves the extinction on a grid.
+    /// Retrieves the cloud on a grid.
     fn solve(
         self,
         py: Python<'_>,
@@ -228,17 +257,20 @@ impl Request {
         + Send
         + 'static,
     ) -> PyResult<Reconstruction> {
-        let light = Light {
-            core: self.observation.light.clone(),
-            assumed: self.observation.assumed.clone(),
-        };
-        light.warn_of_assumed(py)?;
-        warn_of_neglected(py, &light.core)?;
+        let lights = self
+            .bands
+            .iter()
+            .map(|band| Light { core: band.light.clone(), assumed: band.assumed.clone() });
+        let lights: Vec<Light> = lights.collect();
+        for light in &lights {
+            light.warn_of_assumed(py)?;
+            warn_of_neglected(py, &light.core)?;
+        }
+        let light = lights[0].clone();
         let lineage = self.lineage.clone();
-        let (on_grid, observation, settings) = self.on(grid)?;
-        let solved = at_length(py, progress, move |watch| {
-            on_grid.solve(&observation, &settings, watch, method)
-        })?;
+        let (on_grid, bands, settings) = self.on(grid)?;
+        let solved =
+            at_length(py, progress, move |watch| on_grid.solve(&bands, &settings, watch, method))?;
         for warning in &solved.warnings {
             warn(py, warning)?;
         }
@@ -248,17 +280,17 @@ impl Request {
 
 impl OnGrid {
     /// The given mask or, if there is none, the mask carved from the images, with warnings.
-    fn mask(&mut self, observation: &Observation) -> Result<(Mask, Vec<String>)> {
+    fn mask(&mut self, bands: &[Observation]) -> Result<(Mask, Vec<String>)> {
         let mut warnings = Vec::new();
         let mask = match self.mask.take() {
             Some(values) => Mask::new(self.grid, values)?,
             None => {
-                let carved = carve(observation, &self.grid, &CarveSettings::default())?;
+                let carved = carve(&bands[0], &self.grid, &CarveSettings::default())?;
                 warnings.extend(carved.warning());
                 carved.mask
             }
         };
-        let unseen = mask.count() - inversion::shown(&mask, observation)?.count();
+        let unseen = mask.count() - inversion::shown(&mask, bands)?.count();
         if unseen > 0 && unseen < mask.count() {
             let count = mask.count();
             warnings.push(format!(
@@ -271,7 +303,7 @@ impl OnGrid {
 
     fn solve(
         mut self,
-        observation: &Observation,
+        bands: &[Observation],
         settings: &InversionSettings,
         watch: &Watch,
         method: impl FnOnce(
@@ -282,12 +314,11 @@ impl OnGrid {
         ) -> Result<Answer>,
     ) -> Result<Solved> {
         let truth = self.truth.take().map(|values| Volume::new(self.grid, values)).transpose()?;
-        let (mask, mut warnings) = self.mask(observation)?;
-        let scene = observation.light.scene_of(Volume::constant(self.grid, 0.0))?;
-        let views = observation.views.clone();
-        let mut models = OrdinatesModels::new(scene, views, OrdinatesSettings::default());
+        let (mask, mut warnings) = self.mask(bands)?;
+        let solver = OrdinatesSettings::default();
+        let mut models = OrdinatesModels::of(bands, &self.grid, settings.radius, solver)?;
         models.stop = watch.stop.clone();
-        let problem = Problem { observation, mask: &mask, truth: truth.as_ref() };
+        let problem = Problem { bands, mask: &mask, truth: truth.as_ref() };
         let answer = method(&problem, &mut models, settings, watch)?;
         if let Some(problem) = answer.explanation().problem() {
             warnings.push(format!(
@@ -315,8 +346,8 @@ struct Solved {
 ///
 /// Parameters
 /// ----------
-/// radiance : Observation, array [view, row, col], str or path
-///     Images (1/sr).
+/// radiance : Observation, array [view, row, col], str or path, or list of Observation
+///     Images (1/sr), or those of each band. The extinction and the mask are those of the first band.
 /// views : Views or sequence of View, optional
 ///     The camera geometry of each image, unless the images are an observation.
 /// grid : Grid, object or path
@@ -342,7 +373,8 @@ struct Solved {
 ///     those of `Reconstruction.history` after each step; an exception that it raises ends the
 ///     computation.
 /// **settings
-///     Settings of the inversion, such as `iterations`. The command `deepct config invert` lists
+///     Settings of the inversion, such as `iterations`, or `radius`, with which the effective radius is
+///     retrieved: "uniform", "adiabatic" or "field". The command `deepct config invert` lists
 ///     them under `[inversion]`.
 ///
 /// Returns
@@ -387,15 +419,15 @@ pub(crate) fn invert<'py>(
     let py = radiance.py();
     let given = Given { views, light, standard_error, saturated };
     let default_light = |_: &_| Ok(Light::from(scene::Light::default()));
-    let observation = observation(radiance, given, default_light)?;
-    let lineage = Lineage::after(radiance, "invert")?;
-    let request = Request::new(observation, mask, truth, keywords(py, settings)?, lineage)?;
+    let bands = observations(radiance, given, default_light)?;
+    let lineage = Lineage::after(&first_band(radiance)?, "invert")?;
+    let request = Request::new(bands, mask, truth, keywords(py, settings)?, lineage)?;
     let init = match init {
         None => Init::Start(Start::Constant(0.01)),
         Some(init) => match (init.extract::<f64>(), init.extract::<String>()) {
             (Ok(number), _) => Init::Start(Start::Constant(number)),
             (_, Ok(word)) if word == "auto" => Init::Start(Start::Search),
-            _ => Init::Volume(field::extinction(init, "init", &request.observation.light)?),
+            _ => Init::Volume(field::extinction(init, "init", &request.bands[0].light)?),
         },
     };
     let grid = match (grid, &init) {
@@ -492,15 +524,15 @@ pub(crate) fn hybrid<'py>(
     let network = network.unwrap_or_else(general).network(py)?;
     let network = network.get();
     let given = Given { views, light, standard_error, saturated };
-    let observation = observation(radiance, given, |_| network.default_light())?;
+    let bands = observations(radiance, given, |_| network.default_light())?;
     let settings = keywords(py, settings)?;
     let settings = if quick { settings.quick() } else { settings };
-    let lineage = Lineage::after(radiance, "hybrid")?;
-    let request = Request::new(observation, mask, truth, settings, lineage)?;
+    let lineage = Lineage::after(&first_band(radiance)?, "hybrid")?;
+    let request = Request::new(bands, mask, truth, settings, lineage)?;
     let network = network.inner();
     let grid = match grid {
         Some(Grid(grid)) => grid,
-        None => network_grid(&network, &request.observation).map_err(raise)?,
+        None => network_grid(&network, &request.bands[0]).map_err(raise)?,
     };
     request.solve(py, grid, &progress, move |problem, models, settings, watch| {
         if quick {
@@ -508,6 +540,14 @@ pub(crate) fn hybrid<'py>(
         }
         inversion::hybrid(problem, &network, models, settings, watch)
     })
+}
+
+/// The images of the first band, where there are several.
+fn first_band<'py>(radiance: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
+    match radiance.extract::<Vec<Bound<'py, crate::observation::Observation>>>() {
+        Ok(bands) if !bands.is_empty() => Ok(bands[0].clone().into_any()),
+        _ => Ok(radiance.clone()),
+    }
 }
 
 fn keywords(py: Python<'_>, settings: Option<&Bound<'_, PyDict>>) -> PyResult<InversionSettings> {

@@ -263,6 +263,31 @@ pub(crate) fn observation(
     assembled(stack.values, views.0, light, errors, marks).map_err(raise)
 }
 
+/// The observations that a function takes as its first argument: those of a list or tuple of
+/// `Observation`, or a single one as in [`observation`].
+///
+/// # Errors
+/// As [`observation`].
+pub(crate) fn observations(
+    radiance: &Bound<'_, PyAny>,
+    given: Given<'_>,
+    default_light: impl FnOnce(&ViewStack) -> PyResult<Light>,
+) -> PyResult<Vec<scene::Observation>> {
+    match radiance.extract::<Vec<Bound<'_, Observation>>>() {
+        Ok(bands) if !bands.is_empty() => {
+            let parts = [given.standard_error.is_some(), given.saturated.is_some()];
+            if given.views.is_some() || given.light.is_some() || parts.contains(&true) {
+                return Err(PyValueError::new_err(
+                    "views, light, standard_error and saturated belong to the images of each band: \
+                     omit the arguments",
+                ));
+            }
+            bands.iter().map(|band| band.get().core(radiance.py())).collect()
+        }
+        _ => Ok(vec![observation(radiance, given, default_light)?]),
+    }
+}
+
 fn assembled(
     radiance: Array3<f32>,
     views: Vec<scene::View>,

@@ -2,7 +2,7 @@ use crate::program::Program;
 use deepct_core::cloud::Cloud;
 use deepct_core::grid::{Grid, Volume};
 use deepct_core::io::{
-    Provenance, read_light, read_mask, read_observation, read_volume, write_cloud,
+    Provenance, read_cloud, read_light, read_mask, read_observation, read_volume, write_cloud,
 };
 use deepct_core::math::DVec3;
 use deepct_core::metrics::relative_error;
@@ -51,6 +51,30 @@ fn an_inversion_comes_near_the_truth_and_leaves_nothing_but_its_answer() {
     let again = program.run("invert I.nc --grid C.nc --init V.nc --iterations 1 --out W.nc");
     assert!(again.code == 0 && again.stderr.contains("step 0"), "{}", again.stderr);
     program.succeed("score --truth C.nc V.nc W.nc");
+}
+
+/// Images in two bands, of a cloud whose droplets have 14 um, give a cloud with droplets near this size;
+/// the unit of the liquid water follows from the extinction efficiency of about 2.
+#[test]
+fn two_bands_give_the_droplets() {
+    let program = Program::new();
+    let ball = ball(&program);
+    let optics = "--phase mie --effective-radius 14 --solver ordinates --views cloudct-10";
+    for (wavelength, out) in [("0.672", "visible.nc"), ("2.13", "infrared.nc")] {
+        program.succeed(&format!("render C.nc {optics} --wavelength {wavelength} --out {out}"));
+    }
+    let line = "invert visible.nc infrared.nc --grid C.nc --init auto --iterations 6 \
+                --set inversion.coarse=[] --set inversion.corrections=1 --truth C.nc";
+    program.succeed(&format!("{line} --radius uniform --out V.nc"));
+    let found = read_cloud(program.path("V.nc")).unwrap();
+    let radius = found.mean_effective_radius().unwrap();
+    assert!((radius - 14.0).abs() < 1.0, "{radius}");
+    let water: f32 = found.microphysics.unwrap().liquid_water_content.sum();
+    let expected = ball.values.sum() * 14.0 / 1500.0;
+    assert!((water / expected - 1.0).abs() < 0.15, "{water} {expected}");
+    program.refuse(&format!("{line} --radius large --out W.nc"), &["--radius", "adiabatic"]);
+    let uniform = "invert I.nc --grid C.nc --radius uniform --out W.nc";
+    program.refuse(uniform, &["optics.phase", "mie"]);
 }
 
 /// The inversion reads the scene illumination from the file of the images and reproduces the images

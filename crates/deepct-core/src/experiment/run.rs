@@ -13,7 +13,7 @@ use crate::io::{self, Provenance};
 use crate::metrics;
 use crate::network::Estimator;
 use crate::plot::{VolumeFields, volume_figure};
-use crate::scene::{Light, Observation};
+use crate::scene::Observation;
 use crate::transport::OrdinatesSettings;
 use ndarray::Axis;
 use std::path::{Path, PathBuf};
@@ -70,7 +70,7 @@ struct MethodRunner<'a> {
 /// A cloud that is being reconstructed.
 struct Work {
     truth: Volume,
-    light: Light,
+    /// The images, with the scene illumination of the inversions.
     observation: Observation,
     mask: Mask,
     /// Duration of the space carving (s).
@@ -136,15 +136,15 @@ impl MethodRunner<'_> {
         let path = self.folder.join("clouds").join(format!("{}.nc", case.name));
         let formation = self.settings.formation.as_deref().or(self.network.weights().formation());
         let (cloud, observation) = case.open(&path, self.settings, formation)?;
-        let mut light = observation.light.clone();
+        let mut observation = observation;
         if let Some(radius) = self.settings.effective_radius {
-            light.optics.effective_radius = Some(radius);
+            observation.light.optics.effective_radius = Some(radius);
         }
-        let truth = light.extinction(&cloud)?;
+        let truth = observation.light.extinction(&cloud)?;
         let began = Instant::now();
         let mask = carve(&observation, &truth.grid, &self.settings.carve)?.mask;
         let carving = began.elapsed().as_secs_f64();
-        Ok(Work { truth, light, observation, mask, carving })
+        Ok(Work { truth, observation, mask, carving })
     }
 
     /// Reconstruct one cloud by one method and store the result. Returns `None` if the progress
@@ -162,7 +162,7 @@ impl MethodRunner<'_> {
         if reconstruction.ending == Ending::Interrupted {
             return Ok(None);
         }
-        let Reconstruction { extinction, history, ending } = &reconstruction;
+        let Reconstruction { extinction, history, ending, .. } = &reconstruction;
         let (steps, misfit) = (history.len(), history.last().map(|record| record.misfit));
         let outcome = Outcome {
             cloud: case.name.clone(),
@@ -211,15 +211,12 @@ impl MethodRunner<'_> {
         work: &Work,
         watch: &dyn Watch,
     ) -> Result<(Reconstruction, Option<f64>)> {
-        let Work { truth, light, observation, mask, .. } = work;
-        let problem = Problem { observation, mask, truth: Some(truth) };
-        let nothing = Volume::constant(truth.grid, 0.0);
-        let mut models = OrdinatesModels::new(
-            light.scene_of(nothing)?,
-            observation.views.clone(),
-            OrdinatesSettings::default(),
-        );
+        let Work { truth, observation, mask, .. } = work;
+        let bands = std::slice::from_ref(observation);
+        let problem = Problem { bands, mask, truth: Some(truth) };
         let settings = &self.settings.inversion;
+        let solver = OrdinatesSettings::default();
+        let mut models = OrdinatesModels::of(bands, &truth.grid, settings.radius, solver)?;
         let reconstruction = match method {
             Method::Network => {
                 let geometry = observation.imaging_geometry()?;
@@ -229,7 +226,9 @@ impl MethodRunner<'_> {
                 let mut extinction = estimate.extinction;
                 mask.apply(&mut extinction)?;
                 let (history, ending) = (Vec::new(), Ending::Iterations);
-                return Ok((Reconstruction { extinction, history, ending }, expected));
+                let effective_radius = None;
+                let found = Reconstruction { extinction, effective_radius, history, ending };
+                return Ok((found, expected));
             }
             Method::Physics => {
                 let start = Start::Constant(self.settings.start);

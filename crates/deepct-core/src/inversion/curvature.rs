@@ -24,8 +24,10 @@ const RAYS: [[f64; 2]; 4] = [[0.25, 0.25], [0.25, 0.75], [0.75, 0.25], [0.75, 0.
 /// sight with a weight that is the path length through the voxel, attenuated by the extinction in
 /// front of it.
 ///
-/// `share * (G P^T P G + D)`: `P` contains these path lengths, one row for each pixel; the diagonal
-/// matrix of gains `G` makes the diagonal of `G P^T P G` equal to the estimated diagonal `D`.
+/// `share * (G P^T P G + D)` for the extinction: `P` contains these path lengths, one row for each pixel; the diagonal
+/// matrix of gains `G` makes the diagonal of `G P^T P G` equal to the estimated diagonal `D`. For the
+/// deviations of the effective radius it is `share * D`, and for its profile `D`, which is known
+/// exactly: with a smaller factor, the profile moves too far in the first steps.
 #[derive(Debug, Clone)]
 pub(super) struct Curvature {
     /// The variables that each pixel observes, with the path length (km) over the standard error.
@@ -35,34 +37,42 @@ pub(super) struct Curvature {
 }
 
 impl Curvature {
-    /// Creates the Hessian from its estimated diagonal at an extinction.
+    /// Creates the Hessian from its estimated diagonal at an extinction, for the measurements and views
+    /// of the bands.
     pub(super) fn new(
-        measurement: &Measurement,
-        views: &[View],
+        bands: &[(&Measurement, &[View])],
         extinction: &Volume,
         variables: &Variables,
         mut diagonal: Vec<f64>,
     ) -> Self {
         let count = diagonal.len();
-        let least = LEAST_SENSITIVITY.powi(2) * diagonal.iter().sum::<f64>() / count as f64;
-        diagonal.iter_mut().for_each(|d| *d = d.max(least));
+        for voxels in [variables.of_extinction(), variables.of_deviations()] {
+            let values = &mut diagonal[voxels];
+            let mean = values.iter().sum::<f64>() / values.len() as f64;
+            values.iter_mut().for_each(|d| *d = d.max(LEAST_SENSITIVITY.powi(2) * mean));
+        }
+        diagonal[variables.of_profile()].iter_mut().for_each(|d| *d /= SHARE);
         let numbers = variables.numbers();
-        let lines_of_sight: Vec<Vec<(u32, f64)>> = measurement
-            .weights()
-            .map(|([view, row, col], weight)| {
-                let mut paths = BTreeMap::new();
-                for [down, right] in RAYS {
-                    let ray = views[view].ray(row as f64 + down, col as f64 + right);
-                    let mut transmittance = weight / RAYS.len() as f64;
-                    for step in walk(&extinction.grid, &ray) {
-                        let path = step.exit - step.enter;
-                        if let Some(number) = numbers[step.voxel] {
-                            *paths.entry(number).or_insert(0.0) += transmittance * path;
-                        }
-                        transmittance *= (-path * f64::from(extinction.values[step.voxel])).exp();
+        let line_of_sight = |view: &View, row: usize, col: usize, weight: f64| {
+            let mut paths = BTreeMap::new();
+            for [down, right] in RAYS {
+                let ray = view.ray(row as f64 + down, col as f64 + right);
+                let mut transmittance = weight / RAYS.len() as f64;
+                for step in walk(&extinction.grid, &ray) {
+                    let path = step.exit - step.enter;
+                    if let Some(number) = numbers[step.voxel] {
+                        *paths.entry(number).or_insert(0.0) += transmittance * path;
                     }
+                    transmittance *= (-path * f64::from(extinction.values[step.voxel])).exp();
                 }
-                paths.into_iter().collect()
+            }
+            paths.into_iter().collect()
+        };
+        let lines_of_sight: Vec<Vec<(u32, f64)>> = bands
+            .iter()
+            .flat_map(|(measurement, views)| measurement.weights().map(|at| (*views, at)))
+            .map(|(views, ([view, row, col], weight))| {
+                line_of_sight(&views[view], row, col, weight)
             })
             .collect();
         let mut squares = vec![0.0; count];
@@ -99,9 +109,10 @@ impl Curvature {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{InversionSettings, Variable};
+    use super::super::radius::Profile;
+    use super::super::{InversionSettings, Radius, Variable};
     use super::*;
-    use crate::grid::Grid;
+    use crate::grid::{Grid, Mask};
     use crate::image::ViewStack;
     use crate::math::DVec3;
     use crate::scene::{Observation, Sun};
@@ -118,12 +129,15 @@ mod tests {
         let observation = Observation::new(Sun::default(), vec![view], seen).unwrap();
         let settings = InversionSettings { variable: Variable::Linear, ..Default::default() };
         let measurement = Measurement::new(&observation, &settings).unwrap();
-        let variables = Variables::new(grid, &ndarray::array![[[1.0]], [[1.0]]], &settings);
+        let mask = Mask::new(grid, ndarray::array![[[true]], [[true]]]).unwrap();
+        let profile = Profile::new(Radius::Given, &mask);
+        let shares = ndarray::array![[[1.0]], [[1.0]]];
+        let variables = Variables::new(grid, &shares, &settings, profile);
         let upper = 2.0 * std::f32::consts::LN_2;
         let extinction = Volume::new(grid, ndarray::array![[[3.0]], [[upper]]]).unwrap();
         let diagonal = vec![4.0, 9.0];
-        let views = &observation.views;
-        let curvature = Curvature::new(&measurement, views, &extinction, &variables, diagonal);
+        let bands = [(&measurement, &observation.views[..])];
+        let curvature = Curvature::new(&bands, &extinction, &variables, diagonal);
         let [(lower, short), (higher, long)] = curvature.lines_of_sight[0][..] else {
             panic!("two voxels")
         };

@@ -18,8 +18,8 @@ pub fn network_grid(network: &Estimator, observation: &Observation) -> Result<Gr
     network.grid(&observation.imaging_geometry()?, [rows, cols])
 }
 
-/// Inverts the images of an observation, starting from the estimate of the network on the grid of
-/// the mask.
+/// Inverts the images of a problem, starting from the estimate of the network for those of the first
+/// band on the grid of the mask.
 ///
 /// # Errors
 /// The errors of [`Estimator::estimate`] and [`invert`].
@@ -30,8 +30,8 @@ pub fn hybrid(
     settings: &InversionSettings,
     watch: &dyn Watch,
 ) -> Result<Reconstruction> {
-    let Problem { observation, mask, .. } = problem;
-    let observation = observation.on_ideal_cameras()?;
+    let Problem { bands, mask, .. } = problem;
+    let observation = bands[0].on_ideal_cameras()?;
     let geometry = observation.imaging_geometry()?;
     let mut start = network.estimate(&observation.images, &geometry, Some(&mask.grid))?;
     mask.apply(&mut start.extinction)?;

@@ -6,7 +6,7 @@ use crate::grid::Mask;
 use crate::image::ViewStack;
 use crate::scene::{Observation, View};
 use crate::traverse::walk;
-use ndarray::{Array3, Zip};
+use ndarray::{Array3, Axis, Zip};
 
 /// Images and the standard error of each pixel; the standard error of excluded pixels is infinite, and
 /// the radiance of missing ones is 0.
@@ -18,7 +18,15 @@ pub struct Measurement {
     is_bound: Array3<bool>,
     /// The largest radiance of the pixels that are not left out (1/sr).
     brightest: f64,
+    /// Standard error of the gain of each view in the prior; 0 for known gains.
+    gain_error: f64,
+    /// Number of pixels by which sums over the pixels are divided: that of all bands.
+    count: usize,
 }
+
+/// Maximum number of steps in which the gain of a view is determined; there are more than two only if
+/// pixels are saturated.
+const GAIN_STEPS: usize = 50;
 
 impl Measurement {
     /// Creates a measurement from the images of an observation and their standard error or, if they
@@ -65,7 +73,15 @@ impl Measurement {
         check_errors(&standard_error)?;
         let nowhere = || Array3::from_elem(images.values.dim(), false);
         let is_bound = observation.saturated.clone().unwrap_or_else(nowhere);
-        Ok(Self { images, standard_error, is_bound, brightest })
+        let (gain_error, count) = (settings.camera_gain_error, included(&standard_error));
+        Ok(Self { images, standard_error, is_bound, brightest, gain_error, count })
+    }
+
+    /// Returns the measurements of several bands such that their misfits add up to the mean over the
+    /// pixels of all bands.
+    pub(super) fn together(measurements: Vec<Self>) -> Vec<Self> {
+        let count = measurements.iter().map(|band| included(&band.standard_error)).sum();
+        measurements.into_iter().map(|band| Self { count, ..band }).collect()
     }
 
     /// Returns the measurement with an additional error of the model, relative to the radiance,
@@ -92,7 +108,7 @@ impl Measurement {
                 *error = f32::INFINITY;
             }
         }
-        Self { standard_error, ..self.clone() }
+        Self { count: included(&standard_error), standard_error, ..self.clone() }
     }
 
     /// Whether each pixel is included.
@@ -100,34 +116,85 @@ impl Measurement {
         self.standard_error.mapv(f32::is_finite)
     }
 
-    /// Number of pixels that are included, at least 1.
+    /// Number of pixels that are included, of all bands if there are several; at least 1.
     pub fn pixels(&self) -> usize {
-        self.standard_error.iter().filter(|error| error.is_finite()).count().max(1)
+        self.count.max(1)
+    }
+
+    /// The most likely gain of each view, by which the images of a model are multiplied: that which
+    /// minimises the sum of the squared ratios of the residuals to their standard errors and of the
+    /// squared ratio of `gain - 1` to its own standard error. 1 if the gains are known.
+    ///
+    /// # Errors
+    /// Images whose shape differs from that of the measurement.
+    pub fn gains(&self, images: &ViewStack) -> Result<Vec<f64>> {
+        self.check(images)?;
+        Ok((0..images.values.len_of(Axis(0))).map(|view| self.gain(images, view)).collect())
+    }
+
+    fn gain(&self, images: &ViewStack, view: usize) -> f64 {
+        if self.gain_error == 0.0 {
+            return 1.0;
+        }
+        let part = |values: &Array3<f32>| values.index_axis(Axis(0), view).to_owned();
+        let (model, seen) = (part(&images.values), part(&self.images.values));
+        let (errors, bounds) =
+            (part(&self.standard_error), self.is_bound.index_axis(Axis(0), view));
+        let mut gain = 1.0;
+        for _ in 0..GAIN_STEPS {
+            // Sums of the products of the model with the measurement and with itself. A saturated
+            // pixel takes part only if it is too dark.
+            let prior = self.gain_error.powi(-2);
+            let (mut product, mut square) = (prior, prior);
+            for (((model, seen), error), is_bound) in
+                model.iter().zip(&seen).zip(&errors).zip(bounds)
+            {
+                let [model, seen, error] = [*model, *seen, *error].map(f64::from);
+                if error.is_finite() && !(*is_bound && gain * model > seen) {
+                    let weight = model / (error * error);
+                    product += weight * seen;
+                    square += weight * model;
+                }
+            }
+            let before = std::mem::replace(&mut gain, product / square);
+            if (gain - before).abs() < 1e-12 {
+                break;
+            }
+        }
+        gain
     }
 
     /// The misfit: the mean over all included pixels of the squared ratio of the residual to its
-    /// standard error.
+    /// standard error, at the most likely gains and including their prior.
     ///
     /// # Errors
     /// Images whose shape differs from that of the measurement.
     pub fn misfit(&self, images: &ViewStack) -> Result<f64> {
-        self.check(images)?;
-        let residuals = self.residuals(images);
+        let gains = self.gains(images)?;
+        let residuals = self.residuals(images, &gains);
         let squares = residuals.iter().zip(&self.standard_error).map(|(residual, error)| {
             let residual = f64::from(*residual) / f64::from(*error);
             residual * residual
         });
-        Ok(squares.sum::<f64>() / self.pixels() as f64)
+        let unusual = gains.iter().filter(|gain| **gain != 1.0);
+        let unusual = unusual.map(|gain| ((gain - 1.0) / self.gain_error).powi(2));
+        Ok((squares.sum::<f64>() + unusual.sum::<f64>()) / self.pixels() as f64)
     }
 
-    /// The difference of each pixel of a model from the measured one.
-    fn residuals(&self, images: &ViewStack) -> Array3<f32> {
-        Zip::from(&images.values).and(&self.images.values).and(&self.is_bound).map_collect(
-            |model, seen, is_bound| {
-                let residual = model - seen;
-                if *is_bound { residual.min(0.0) } else { residual }
+    /// The difference of each pixel of a model, multiplied by the gain of its view, from the measured
+    /// one.
+    fn residuals(&self, images: &ViewStack, gains: &[f64]) -> Array3<f32> {
+        let mut residuals = images.values.clone();
+        for (mut image, gain) in residuals.outer_iter_mut().zip(gains) {
+            image *= *gain as f32;
+        }
+        Zip::from(&mut residuals).and(&self.images.values).and(&self.is_bound).for_each(
+            |residual, seen, is_bound| {
+                *residual -= seen;
+                *residual = if *is_bound { residual.min(0.0) } else { *residual };
             },
-        )
+        );
+        residuals
     }
 
     /// The mean over all included pixels of the squared residual, in units of the largest radiance, so that
@@ -138,7 +205,8 @@ impl Measurement {
     pub(super) fn difference(&self, images: &ViewStack) -> Result<f64> {
         self.check(images)?;
         let brightest = self.brightest;
-        let residuals = self.residuals(images);
+        let known = vec![1.0; images.values.len_of(Axis(0))];
+        let residuals = self.residuals(images, &known);
         let residuals = residuals.iter().zip(&self.standard_error);
         let included = residuals.filter(|(_, error)| error.is_finite());
         let squares = included.map(|(residual, _)| (f64::from(*residual) / brightest).powi(2));
@@ -146,17 +214,28 @@ impl Measurement {
     }
 
     /// The derivative of half the [`Measurement::misfit`] with respect to each pixel of the images.
+    /// Since the misfit is smallest at the most likely gains, these count as constant (variable
+    /// projection: Golub and Pereyra 1973).
     ///
     /// # Errors
     /// Images whose shape differs from that of the measurement.
     pub fn derivative(&self, images: &ViewStack) -> Result<ViewStack> {
-        self.check(images)?;
+        let gains = self.gains(images)?;
         let count = self.pixels() as f32;
-        ViewStack::new(
-            Zip::from(&self.residuals(images))
-                .and(&self.standard_error)
-                .map_collect(|residual, error| residual / (error * error * count)),
-        )
+        let mut derivative = Zip::from(&self.residuals(images, &gains))
+            .and(&self.standard_error)
+            .map_collect(|residual, error| residual / (error * error * count));
+        for (mut image, gain) in derivative.outer_iter_mut().zip(gains) {
+            image *= gain as f32;
+        }
+        ViewStack::new(derivative)
+    }
+
+    /// The sum of the squared ratios of changes of the images to the standard errors, over the number
+    /// of pixels.
+    pub(super) fn size_of(&self, change: &Array3<f32>) -> f64 {
+        let ratios = change.iter().zip(&self.standard_error).map(|(c, e)| f64::from(c / e));
+        ratios.map(|ratio| ratio * ratio).sum::<f64>() / self.pixels() as f64
     }
 
     /// The included pixels, each with the weight `1 / standard error / sqrt(number of pixels)`: the
@@ -191,6 +270,11 @@ impl Measurement {
             "give the model the views of the observation",
         ))
     }
+}
+
+/// Number of pixels with a finite standard error.
+fn included(standard_error: &Array3<f32>) -> usize {
+    standard_error.iter().filter(|error| error.is_finite()).count()
 }
 
 fn check_errors(standard_error: &Array3<f32>) -> Result<()> {
@@ -268,5 +352,52 @@ mod tests {
         let exact = InversionSettings { model_error: 0.0, least_error: 0.0, ..settings };
         let problem = Measurement::new(&seen, &exact).unwrap_err().to_string();
         assert!(problem.contains("col 1"), "{problem}");
+        // In two equal bands, each contributes half of the mean.
+        let [one, other] = &Measurement::together(vec![measured.clone(), measured.clone()])[..]
+        else {
+            panic!()
+        };
+        let images = stack(4.0, 3.0);
+        let both = one.misfit(&images).unwrap() + other.misfit(&images).unwrap();
+        assert!((both - measured.misfit(&images).unwrap()).abs() < 1e-12);
+    }
+
+    /// Two views of two pixels, by hand, and the derivative by central differences; one pixel of the
+    /// second view is saturated.
+    #[test]
+    fn the_most_likely_gains_minimise_the_misfit() {
+        let view = View::orthographic(DVec3::Z, DVec3::ZERO, 0.1, [1, 2]).unwrap();
+        let stack = |values: [f32; 4]| {
+            ViewStack::new(Array3::from_shape_vec((2, 1, 2), values.to_vec()).unwrap()).unwrap()
+        };
+        let views = vec![view.clone(), view];
+        let seen = Observation::new(Sun::default(), views, stack([2.1, 4.2, 3.0, 5.0])).unwrap();
+        let seen = seen.with_standard_error(Array3::from_elem((2, 1, 2), 0.2)).unwrap();
+        let seen = seen.with_saturated(ndarray::array![[[false, false]], [[false, true]]]).unwrap();
+        let settings = InversionSettings {
+            model_error: 0.0,
+            least_error: 0.0,
+            camera_gain_error: 0.05,
+            ..InversionSettings::default()
+        };
+        let measured = Measurement::new(&seen, &settings).unwrap();
+        let images = stack([2.0, 4.0, 2.5, 6.0]);
+        let found = measured.gains(&images).unwrap();
+        // (2 x 2.1 + 4 x 4.2) / 0.04 + 400 over (4 + 16) / 0.04 + 400; the saturated pixel is bright
+        // enough, and (2.5 x 3) / 0.04 + 400 over 6.25 / 0.04 + 400.
+        assert!((found[0] - (525.0 + 400.0) / (500.0 + 400.0)).abs() < 1e-6, "{found:?}");
+        assert!((found[1] - (187.5 + 400.0) / (156.25 + 400.0)).abs() < 1e-6, "{found:?}");
+        for values in [[2.0, 4.0, 2.5, 6.0], [2.2, 3.0, 3.0, 4.0]] {
+            let derivative = measured.derivative(&stack(values)).unwrap();
+            for (n, found) in derivative.values.iter().enumerate() {
+                let moved = |step: f32| {
+                    let mut values = values;
+                    values[n] += step;
+                    measured.misfit(&stack(values)).unwrap()
+                };
+                let difference = (moved(0.01) - moved(-0.01)) / 0.04;
+                assert!((f64::from(*found) - difference).abs() < 2e-3, "{n}: {found} {difference}");
+            }
+        }
     }
 }

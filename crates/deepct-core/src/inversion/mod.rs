@@ -1,14 +1,16 @@
-//! Inversion: retrieval of the extinction whose simulated images fit the measured ones.
+//! Inversion: retrieval of the extinction, and of the effective radius, whose simulated images fit
+//! the measured ones.
 //!
 //! [`invert`] minimises
 //!
 //! ```text
-//! 1/2 sum over pixels ((F(extinction) - measured) / standard error)^2 + prior(extinction)
+//! 1/2 sum over bands and pixels ((F(x) - measured) / standard error)^2 + prior(x)
 //! ```
 //!
-//! over the voxels of a mask, with the extinction bounded between zero and a largest value, for any
-//! forward model `F` that provides images and the derivatives of a weighted sum of them
-//! ([`ForwardModel`]). From a uniform start, the inversion first solves for blocks of voxels, on
+//! where `x` are the extinction in the voxels of a mask, bounded between zero and a largest value, and
+//! the unknowns that describe the effective radius ([`Radius`]), for any forward model `F` that
+//! provides images and the derivatives of a weighted sum of them ([`ForwardModel`]). If the gains of
+//! the cameras are unknown, they take their most likely values at any `x`. From a uniform start, the inversion first solves for blocks of voxels, on
 //! coarse grids on which an iteration is inexpensive. The optimiser is a bounded quasi-Newton
 //! method ([`Minimiser`]), preconditioned with the Hessian of the prior and an approximate Hessian
 //! of the misfit.
@@ -25,6 +27,7 @@ mod optimiser;
 mod ordinates;
 mod prior;
 mod problem;
+mod radius;
 mod reconstruction;
 mod run;
 mod scale;
@@ -34,10 +37,10 @@ mod variables;
 pub use checkpoint::Checkpoint;
 pub use hybrid::{QUICK_ITERATIONS, hybrid, network_grid};
 pub use measurement::Measurement;
-pub use models::{Domain, ForwardModel, Models};
+pub use models::{Domain, Fields, ForwardModel, Models};
 pub use optimiser::{Bounds, Function, Minimiser, MinimiserSettings, Pair, Point, Step};
-pub use ordinates::{OrdinatesModels, QUICK_TOLERANCE};
+pub use ordinates::{Band, OrdinatesModels, QUICK_TOLERANCE};
 pub use problem::{Problem, Start, shown};
 pub use reconstruction::{Ending, Explanation, Reconstruction, Record, Watch};
 pub use run::{invert, resume};
-pub use settings::{InversionSettings, Variable};
+pub use settings::{InversionSettings, Radius, Variable};

@@ -50,6 +50,20 @@ impl Prior {
         Self { precisions: errors.iter().map(|error| error.powi(-2)).collect(), ..self }
     }
 
+    /// The prior of independent variables with standard errors around 0.
+    pub(super) fn independent(errors: &[f64]) -> Self {
+        Self { pairs: Vec::new(), precisions: Vec::new() }.with_errors(errors)
+    }
+
+    /// Returns the prior of `count` variables, followed by those of another prior.
+    pub(super) fn followed_by(mut self, count: usize, other: Self) -> Self {
+        self.precisions.resize(count, 0.0);
+        self.precisions.extend(other.precisions);
+        let pairs = other.pairs.into_iter();
+        self.pairs.extend(pairs.map(|(a, b, weight)| (a + count, b + count, weight)));
+        self
+    }
+
     pub(super) fn value(&self, extinction: &[f64]) -> f64 {
         let terms = self.pairs.iter().map(|&(first, second, weight)| {
             let difference = extinction[first] - extinction[second];
@@ -112,5 +126,12 @@ mod tests {
         assert!((known.value(&extinction) - 6.5 - 2.625).abs() < 1e-12);
         assert_eq!(known.gradient(&extinction), [-2.0, 6.0, -1.875]);
         assert_eq!(known.diagonal(3), [2.0, 2.25, 1.0625]);
+
+        // Two more variables, of which the first is independent, and the second has no prior.
+        let more = Prior::new(&grid, &shares, 1, 2.0).followed_by(3, Prior::independent(&[0.5]));
+        assert!((more.value(&[1.0, 4.0, 2.0, 3.0, 7.0]) - 6.5 - 18.0).abs() < 1e-12);
+        assert_eq!(more.diagonal(5), [1.0, 2.0, 1.0, 4.0, 0.0]);
+        let after = Prior::independent(&[0.5]).followed_by(1, Prior::new(&grid, &shares, 1, 2.0));
+        assert_eq!(after.gradient(&[3.0, 1.0, 4.0, 2.0]), [12.0, -3.0, 5.0, -2.0]);
     }
 }

@@ -9,11 +9,11 @@ use crate::scene::{Boundary, Observation, Projector};
 use crate::traverse::walk;
 use ndarray::{Array3, Zip};
 
-/// The problem: the extinction of the cloud of an observation, inside a mask.
+/// The problem: the cloud that one or more observations show, inside a mask.
 #[derive(Debug, Clone, Copy)]
 pub struct Problem<'a> {
-    /// The images and their geometry.
-    pub observation: &'a Observation,
+    /// The images and their geometry, for each band. The extinction is retrieved in the first one.
+    pub bands: &'a [Observation],
     /// The voxels that may contain cloud, and the grid of the solution. The extinction of those that
     /// no image shows is 0 in the solution, see [`shown`].
     pub mask: &'a Mask,
@@ -24,30 +24,32 @@ pub struct Problem<'a> {
 /// A voxel that an image shows by less than this (pixels) only touches it.
 const TOUCH: f64 = 1e-6;
 
-/// The voxels of a mask of which at least one image shows a part: their centre, a corner, or what the
+/// The voxels of a mask of which at least one image of any band shows a part: their centre, a corner, or what the
 /// middle of a pixel shows. In all others the images contain no information, and the extinction is not
 /// retrieved. Between periodic sides, lines of sight go on in the next copy, and no voxel is left out.
 ///
 /// # Errors
 /// None for the mask of a valid grid.
-pub fn shown(mask: &Mask, observation: &Observation) -> Result<Mask> {
-    let (grid, views) = (mask.grid, &observation.views);
-    if observation.light.boundary == Boundary::Periodic {
+pub fn shown(mask: &Mask, bands: &[Observation]) -> Result<Mask> {
+    let grid = mask.grid;
+    if bands.iter().any(|band| band.light.boundary == Boundary::Periodic) {
         return Ok(mask.clone());
     }
+    let views = || {
+        bands.iter().flat_map(|band| {
+            band.views.iter().enumerate().map(|(number, view)| (view, band.images.image(number)))
+        })
+    };
     let mut crossed = Array3::from_elem(grid.shape, false);
-    for (view, image) in views.iter().zip(observation.images.values.outer_iter()) {
+    for (view, image) in views() {
         let known = image.indexed_iter().filter(|(_, radiance)| !radiance.is_nan());
         for ((row, col), _) in known {
             let ray = view.ray(row as f64 + 0.5, col as f64 + 0.5);
             walk(&grid, &ray).for_each(|step| crossed[step.voxel] = true);
         }
     }
-    let images: Vec<(Projector, Image<'_>)> = views
-        .iter()
-        .enumerate()
-        .map(|(number, view)| (view.projector(), observation.images.image(number)))
-        .collect();
+    let images: Vec<(Projector, Image<'_>)> =
+        views().map(|(view, image)| (view.projector(), image)).collect();
     let shows = |point: DVec3| {
         images.iter().any(|(projector, image)| {
             projector.project(point).is_some_and(|(row, col)| {
@@ -114,8 +116,11 @@ mod tests {
         };
         let mut missing = observe(vec![view.clone()]);
         missing.images.values.fill(f32::NAN);
-        assert_eq!(shown(&mask, &missing).unwrap().count(), 0);
-        let found = shown(&mask, &observe(vec![view.clone()])).unwrap();
+        let shown = |observation: &Observation| {
+            super::shown(&mask, std::slice::from_ref(observation)).unwrap()
+        };
+        assert_eq!(shown(&missing).count(), 0);
+        let found = shown(&observe(vec![view.clone()]));
         for ((k, j, i), &inside) in found.values.indexed_iter() {
             assert_eq!(inside, i >= 4 && (k, j, i) != (0, 0, 5), "{k} {j} {i}");
         }
@@ -123,12 +128,15 @@ mod tests {
         let west = crate::math::towards(45_f64.to_radians(), 270_f64.to_radians());
         let slanted = View::orthographic(west, target, 0.05, [4, 2]).unwrap();
         let mut both = observe(vec![view.clone(), slanted]);
-        assert!(shown(&mask, &both).unwrap().values[[1, 2, 3]]);
+        assert!(shown(&both).values[[1, 2, 3]]);
+        // So does another band with this view.
+        let bands = [observe(vec![view.clone()]), both.clone()];
+        assert_eq!(super::shown(&mask, &bands).unwrap(), shown(&both));
         both.light.boundary = Boundary::Periodic;
-        assert_eq!(shown(&mask, &both).unwrap(), mask);
+        assert_eq!(shown(&both), mask);
         // An image that is smaller than a quarter of a voxel.
         let inside = DVec3::new(0.2625, 0.1125, 0.05);
         let small = View::orthographic(DVec3::Z, inside, 0.001, [4, 4]).unwrap();
-        assert_eq!(shown(&mask, &observe(vec![small])).unwrap().count(), 2);
+        assert_eq!(shown(&observe(vec![small])).count(), 2);
     }
 }

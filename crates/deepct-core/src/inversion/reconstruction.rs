@@ -89,6 +89,8 @@ impl Explanation {
 pub struct Reconstruction {
     /// The extinction (1/km), 0 outside the mask.
     pub extinction: Volume,
+    /// The effective radius (um), 0 outside the mask; `None` if it was given.
+    pub effective_radius: Option<Volume>,
     /// The record of each iteration.
     pub history: Vec<Record>,
     /// The reason why the inversion ended.
@@ -96,6 +98,18 @@ pub struct Reconstruction {
 }
 
 impl Reconstruction {
+    /// The mean effective radius (um), weighted by the extinction; `None` if it was given, or if there
+    /// is no cloud.
+    pub fn mean_effective_radius(&self) -> Option<f64> {
+        let pairs = self.effective_radius.iter().flat_map(|radius| &radius.values);
+        let (mut sum, mut total) = (0.0, 0.0);
+        for (extinction, radius) in self.extinction.values.iter().zip(pairs) {
+            sum += f64::from(*extinction) * f64::from(*radius);
+            total += f64::from(*extinction);
+        }
+        (total > 0.0).then(|| sum / total).filter(|_| self.effective_radius.is_some())
+    }
+
     /// How well the extinction explains the images, by the misfit at the end.
     pub fn explanation(&self) -> Explanation {
         let Some(misfit) = self.history.last().map(|record| record.misfit) else {
@@ -155,6 +169,7 @@ mod tests {
         let grid = Grid::new(DVec3::ZERO, DVec3::ONE, [1, 1, 1]).unwrap();
         Reconstruction {
             extinction: Volume::constant(grid, 1.0),
+            effective_radius: None,
             history: vec![record(0, 1e4), record(1, misfit)],
             ending: Ending::Stalled,
         }

@@ -5,8 +5,9 @@ use super::objective::Objective;
 use super::optimiser::{Function, Minimiser, MinimiserSettings, Step};
 use super::prior::Prior;
 use super::problem::shown;
+use super::radius::{DEVIATION_ERROR, DEVIATION_GRADIENT, PROFILE_ERROR, Profile};
 use super::scale::scale;
-use super::variables::Variables;
+use super::variables::{Unknowns, Variables};
 use super::{
     Checkpoint, Domain, Ending, InversionSettings, Measurement, Models, Problem, Reconstruction,
     Record, Start, Watch,
@@ -15,7 +16,7 @@ use crate::error::{Error, Result};
 use crate::grid::{Grid, Mask, Volume};
 use crate::metrics;
 use crate::network::Estimate;
-use crate::scene::View;
+use crate::scene::Observation;
 use ndarray::Array3;
 use std::time::Instant;
 
@@ -31,7 +32,7 @@ const KEPT: usize = 10;
 /// contain thin cloud.
 const LEAST_UNCERTAINTY: f64 = 0.1;
 
-/// Retrieves the extinction inside the mask whose simulated images fit those of the observation.
+/// Retrieves the cloud inside the mask whose simulated images fit those of the observations.
 ///
 /// # Errors
 /// Settings out of range, an empty mask, a start or truth on another grid, images without light,
@@ -44,17 +45,17 @@ pub fn invert(
     watch: &dyn Watch,
 ) -> Result<Reconstruction> {
     let mut run = Run::new(problem, models, start, settings, watch)?;
-    let (mut extinction, search) = run.first(start)?;
+    let (mut unknowns, search) = run.first(start)?;
     let mut ending = Ending::Iterations;
     for number in 0..run.stages.len() {
         let level = run.level(number)?;
-        let from = Beginning::Volume(&extinction, number == 0 && search);
-        (extinction, ending) = run.solve(&level, models, from)?;
+        let from = Beginning::Unknowns(&unknowns, number == 0 && search);
+        (unknowns, ending) = run.solve(&level, models, from)?;
         if ending == Ending::Interrupted {
             break;
         }
     }
-    Ok(Reconstruction { extinction, history: run.history, ending })
+    run.reconstruction(unknowns, ending)
 }
 
 /// Resumes [`invert`] from a checkpoint, with the same problem, models, start and settings.
@@ -81,16 +82,16 @@ pub fn resume(
         ));
     }
     let level = run.level(first)?;
-    let (mut extinction, mut ending) =
+    let (mut unknowns, mut ending) =
         run.solve(&level, models, Beginning::Checkpoint(checkpoint))?;
     for number in first + 1..run.stages.len() {
         if ending == Ending::Interrupted {
             break;
         }
         let level = run.level(number)?;
-        (extinction, ending) = run.solve(&level, models, Beginning::Volume(&extinction, false))?;
+        (unknowns, ending) = run.solve(&level, models, Beginning::Unknowns(&unknowns, false))?;
     }
-    Ok(Reconstruction { extinction, history: run.history, ending })
+    run.reconstruction(unknowns, ending)
 }
 
 /// A part of an inversion with one model; the next stage creates a new one.
@@ -120,21 +121,22 @@ impl Level {
 
 /// The start of a stage.
 enum Beginning<'a> {
-    /// An extinction of the cloudy parts on the grid of the solution, and whether to search for the
-    /// factor that fits the images best.
-    Volume(&'a Volume, bool),
+    /// Unknowns on the grid of the solution, and whether to search for the factor of the extinction
+    /// that fits the images best.
+    Unknowns(&'a Unknowns, bool),
     /// The state of an interrupted inversion.
     Checkpoint(Checkpoint),
 }
 
 /// The data that all stages of an inversion share.
 struct Run<'a> {
-    views: &'a [View],
+    bands: &'a [Observation],
     mask: Mask,
     truth: Option<&'a Volume>,
     settings: &'a InversionSettings,
     watch: &'a dyn Watch,
-    measurement: Measurement,
+    measurements: Vec<Measurement>,
+    profile: Profile,
     /// The start if it is an estimate, which the prior expects.
     expected: Option<&'a Estimate>,
     stages: Vec<Stage>,
@@ -155,7 +157,10 @@ impl<'a> Run<'a> {
         watch: &'a dyn Watch,
     ) -> Result<Self> {
         settings.check()?;
-        let Problem { observation, mask, truth } = *problem;
+        let Problem { bands, mask, truth } = *problem;
+        if bands.is_empty() {
+            return Err(Error::out_of_range("number of bands", 0, "at least 1"));
+        }
         if mask.count() == 0 {
             let range = "at least 1: the lines of sight of cloudy pixels do not meet in the grid. Check \
                          the grid, the threshold and the targets of the views (images that were \
@@ -166,10 +171,12 @@ impl<'a> Run<'a> {
             check_grid("grid of the truth", &mask.grid, &truth.grid)?;
             metrics::check_truth(truth)?;
         }
-        let mask = shown(mask, observation)?;
-        let measurement =
-            Measurement::new(observation, settings)?.of_mask(&mask, &observation.views);
-        if !measurement.counted().iter().any(|counted| *counted) {
+        let mask = shown(mask, bands)?;
+        let measurements = bands
+            .iter()
+            .map(|band| Ok(Measurement::new(band, settings)?.of_mask(&mask, &band.views)));
+        let measurements = Measurement::together(measurements.collect::<Result<_>>()?);
+        if measurements.iter().all(|band| band.counted().iter().all(|counted| !*counted)) {
             let range =
                 "at least 1: no image shows a voxel of the mask; check grid, mask and views";
             return Err(Error::out_of_range("number of pixels that show the mask", 0, range));
@@ -189,12 +196,13 @@ impl<'a> Run<'a> {
         };
         let (history, began) = (Vec::new(), Instant::now());
         Ok(Self {
-            views: &observation.views,
+            bands,
+            profile: Profile::new(settings.radius, &mask),
             mask,
             truth,
             settings,
             watch,
-            measurement,
+            measurements,
             expected,
             stages: stages(start, models.are_corrected(), settings),
             history,
@@ -204,8 +212,8 @@ impl<'a> Run<'a> {
         })
     }
 
-    /// The extinction of the start, and whether to search for its factor.
-    fn first(&self, start: &Start) -> Result<(Volume, bool)> {
+    /// The unknowns of the start, and whether to search for the factor of the extinction.
+    fn first(&self, start: &Start) -> Result<(Unknowns, bool)> {
         let grid = self.mask.grid;
         let (volume, search) = match start {
             Start::Search => (Volume::constant(grid, 1.0), true),
@@ -217,7 +225,54 @@ impl<'a> Run<'a> {
             }
             Start::Estimate(estimate) => (estimate.extinction.clone(), false),
         };
-        Ok((volume, search))
+        Ok((self.begin_at(volume), search))
+    }
+
+    /// The unknowns with an extinction, and with the effective radius that the prior expects.
+    fn begin_at(&self, extinction: Volume) -> Unknowns {
+        let deviations = Volume::constant(extinction.grid, 0.0);
+        Unknowns { extinction, profile: vec![0.0; self.profile.len()], deviations }
+    }
+
+    /// The means of unknowns over the blocks of a level.
+    fn means(&self, unknowns: &Unknowns, block: usize) -> Result<Unknowns> {
+        Ok(Unknowns {
+            extinction: means(&unknowns.extinction, &self.mask, block)?,
+            profile: unknowns.profile.clone(),
+            deviations: means(&unknowns.deviations, &self.mask, block)?,
+        })
+    }
+
+    /// The result with the given unknowns on the grid of the solution.
+    fn reconstruction(self, unknowns: Unknowns, ending: Ending) -> Result<Reconstruction> {
+        let Unknowns { extinction, profile, deviations } = unknowns;
+        let deviations = deviations.values.mapv(f64::from);
+        let mut effective_radius = self.profile.volume(&self.mask.grid, &profile, &deviations)?;
+        if let Some(radius) = &mut effective_radius {
+            self.mask.apply(radius)?;
+        }
+        Ok(Reconstruction { extinction, effective_radius, history: self.history, ending })
+    }
+
+    /// The prior of the variables of a level.
+    fn prior(&self, level: &Level, variables: &Variables) -> Result<Prior> {
+        let Level { block, grid, shares, .. } = level;
+        let mut prior = Prior::new(grid, shares, *block, self.settings.typical_gradient);
+        if let Some(uncertainty) = self.uncertainty() {
+            let errors = means(uncertainty, &self.mask, *block)?
+                .values
+                .mapv(|value| self.settings.start_error * f64::from(value).max(LEAST_UNCERTAINTY));
+            prior = prior.with_errors(&variables.gather(&errors));
+        }
+        let profile = Prior::independent(&vec![PROFILE_ERROR; variables.of_profile().len()]);
+        let deviations = variables.of_deviations();
+        let deviations = match deviations.len() {
+            0 => Prior::independent(&[]),
+            count => Prior::new(grid, shares, *block, DEVIATION_GRADIENT)
+                .with_errors(&vec![DEVIATION_ERROR; count]),
+        };
+        let before = variables.of_profile();
+        Ok(prior.followed_by(before.start, profile).followed_by(before.end, deviations))
     }
 
     /// The uncertainty of the start, if it is given and used. The inversion then seeks the most
@@ -233,28 +288,24 @@ impl<'a> Run<'a> {
         Ok(Level { number, block, near, grid, shares: shares(&self.mask, block, grid.shape) })
     }
 
-    /// Solves one stage and returns the extinction of the cloudy parts on the grid of the solution.
+    /// Solves one stage and returns the unknowns on the grid of the solution.
     fn solve(
         &mut self,
         level: &Level,
         models: &mut dyn Models,
         beginning: Beginning,
-    ) -> Result<(Volume, Ending)> {
+    ) -> Result<(Unknowns, Ending)> {
         let Level { block, near, grid, shares, .. } = level;
-        let variables = Variables::new(*grid, shares, self.settings);
-        let mut prior = Prior::new(grid, shares, *block, self.settings.typical_gradient);
-        if let Some(uncertainty) = self.uncertainty() {
-            let errors = means(uncertainty, &self.mask, *block)?
-                .values
-                .mapv(|value| self.settings.start_error * f64::from(value).max(LEAST_UNCERTAINTY));
-            prior = prior.with_errors(&variables.gather(&errors));
-        }
+        // On coarse grids, the profile has no deviations.
+        let profile = if *block > 1 { self.profile.alone() } else { self.profile };
+        let variables = Variables::new(*grid, shares, self.settings, profile);
+        let prior = self.prior(level, &variables)?;
         let coarse_error = if *near { 0.0 } else { *block as f64 * self.settings.coarse_error };
-        let measurement = self.measurement.with_model_error(coarse_error);
+        let measurements = self.measurements.iter();
+        let measurements: Vec<_> =
+            measurements.map(|band| band.with_model_error(coarse_error)).collect();
         let from = match &beginning {
-            Beginning::Volume(extinction, _) => {
-                variables.of(&means(extinction, &self.mask, *block)?)
-            }
+            Beginning::Unknowns(unknowns, _) => variables.of(&self.means(unknowns, *block)?),
             Beginning::Checkpoint(checkpoint) => {
                 let count = checkpoint.began_at.len();
                 if count != variables.len() || checkpoint.point.x.len() != count {
@@ -268,19 +319,21 @@ impl<'a> Run<'a> {
                 checkpoint.began_at.clone()
             }
         };
-        let expected = variables.extinction(&from)?;
-        let (mask, pixels) = (level.mask()?, measurement.counted());
+        let expected = variables.fields(&from)?;
+        let mask = level.mask()?;
+        let pixels: Vec<_> = measurements.iter().map(Measurement::counted).collect();
         let domain = Domain { mask: &mask, expected: &expected, near: *near, pixels: &pixels };
         let model = models.model(&domain)?;
-        let mut objective = Objective::new(model, &measurement, variables, prior);
+        let mut objective = Objective::new(model, &measurements, variables, prior);
         if let Some(expected) = self.expected {
-            objective.expect(&means(&expected.extinction, &self.mask, *block)?);
+            let expected = self.begin_at(expected.extinction.clone());
+            objective.expect(&self.means(&expected, *block)?);
         }
         let resumed = matches!(beginning, Beginning::Checkpoint(_));
         let begun = match beginning {
-            Beginning::Volume(extinction, search) => {
-                let cloudy = means(extinction, &self.mask, *block)?;
-                self.begin(&mut objective, cloudy, search).map(|minimiser| (minimiser, 0))
+            Beginning::Unknowns(unknowns, search) => {
+                let unknowns = self.means(unknowns, *block)?;
+                self.begin(&mut objective, unknowns, search).map(|minimiser| (minimiser, 0))
             }
             Beginning::Checkpoint(checkpoint) => self.restore(&mut objective, checkpoint),
         };
@@ -321,16 +374,16 @@ impl<'a> Run<'a> {
     fn begin(
         &mut self,
         objective: &mut Objective,
-        mut cloudy: Volume,
+        mut unknowns: Unknowns,
         search: bool,
     ) -> Result<Minimiser> {
         if search {
-            scale(objective, &mut cloudy)?;
+            scale(objective, &mut unknowns)?;
             // A resumed inversion does not search.
             objective.forget();
         }
-        let x = objective.variables.of(&cloudy);
-        objective.probe(&x, self.settings, self.views)?;
+        let x = objective.variables.of(&unknowns);
+        objective.probe(&x, self.settings, self.bands)?;
         objective.forget();
         self.shift = 0.0;
         let bounds = objective.variables.bounds();
@@ -344,7 +397,7 @@ impl<'a> Run<'a> {
         checkpoint: Checkpoint,
     ) -> Result<(Minimiser, usize)> {
         let Checkpoint { probed_at, point, pairs, iteration, history, .. } = checkpoint;
-        objective.probe(&probed_at, self.settings, self.views)?;
+        objective.probe(&probed_at, self.settings, self.bands)?;
         // A corrected model is corrected at the first point of the stage.
         objective.value(&probed_at)?;
         let bounds = objective.variables.bounds();
@@ -402,7 +455,7 @@ impl<'a> Run<'a> {
     ) -> Result<()> {
         let (mut relative_error, mut mass_error) = (None, None);
         if let Some(truth) = self.truth {
-            let estimate = self.answer(level, objective, &minimiser.point().x)?;
+            let estimate = self.answer(level, objective, &minimiser.point().x)?.extinction;
             relative_error = Some(metrics::relative_error(truth, &estimate)?);
             mass_error = Some(metrics::mass_error(truth, &estimate)?);
         }
@@ -441,17 +494,17 @@ impl<'a> Run<'a> {
         })
     }
 
-    /// The extinction of the cloudy parts at `x` on the grid of the solution, 0 outside the mask.
-    fn answer(&self, level: &Level, objective: &Objective, x: &[f64]) -> Result<Volume> {
-        let cloudy = objective.variables.cloudy(x);
-        let values = objective.variables.scatter(&cloudy).mapv(|value| value as f32);
-        let mut volume = Volume::new(level.grid, values)?;
-        if level.block > 1 {
-            volume = refine(&volume, &level.shares, &self.mask.grid)?;
+    /// The unknowns at `x` on the grid of the solution, with an extinction of 0 outside the mask.
+    fn answer(&self, level: &Level, objective: &Objective, x: &[f64]) -> Result<Unknowns> {
+        let mut unknowns = objective.variables.unknowns(x)?;
+        for volume in [&mut unknowns.extinction, &mut unknowns.deviations] {
+            if level.block > 1 {
+                *volume = refine(volume, &level.shares, &self.mask.grid)?;
+            }
+            volume.grid = self.mask.grid;
+            self.mask.apply(volume)?;
         }
-        volume.grid = self.mask.grid;
-        self.mask.apply(&mut volume)?;
-        Ok(volume)
+        Ok(unknowns)
     }
 }
 

@@ -1,8 +1,8 @@
 //! The factor that scales a uniform start to the images.
 
 use super::objective::Objective;
+use super::variables::Unknowns;
 use crate::error::Result;
-use crate::grid::Volume;
 
 /// The first step in the logarithm of the factor.
 const FIRST_STRIDE: f64 = 1.4;
@@ -17,14 +17,15 @@ const ENOUGH: f64 = 0.1;
 ///
 /// The search takes increasing steps in the logarithm of the factor as long as the difference
 /// decreases; then parabolas narrow the interval around the minimum.
-pub(super) fn scale(objective: &mut Objective, cloudy: &mut Volume) -> Result<()> {
+pub(super) fn scale(objective: &mut Objective, unknowns: &mut Unknowns) -> Result<()> {
     let value = |logarithm: f64| -> Result<f64> {
-        let scaled = cloudy.values.mapv(|value| value * logarithm.exp() as f32);
-        let x = objective.variables.of(&Volume::new(cloudy.grid, scaled)?);
+        let mut scaled = unknowns.clone();
+        scaled.extinction.values *= logarithm.exp() as f32;
+        let x = objective.variables.of(&scaled);
         objective.difference(&x)
     };
     let best = lowest(value)?;
-    cloudy.values *= best.exp() as f32;
+    unknowns.extinction.values *= best.exp() as f32;
     Ok(())
 }
 

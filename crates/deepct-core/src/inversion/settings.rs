@@ -50,6 +50,11 @@ pub struct InversionSettings {
     /// Standard error of each voxel of the start relative to the uncertainty that the network
     /// estimates; 0 disables this term of the prior.
     pub start_error: f64,
+    /// The unknowns that describe the effective radius.
+    pub radius: Radius,
+    /// Standard error of the gain of each camera, relative to the calibrated one; the gains are then
+    /// unknowns. 0 for gains that are known.
+    pub camera_gain_error: f64,
     /// Stop when the misfit, the mean square of the residuals over their standard errors, is at
     /// most this value (discrepancy principle of Morozov 1966: 1). 0 disables this criterion. A
     /// start whose uncertainty is used disables it too, because the inversion then seeks the most
@@ -72,6 +77,24 @@ pub enum Variable {
     Logarithmic,
 }
 
+/// The unknowns that describe the effective radius of the droplets.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+#[non_exhaustive]
+pub enum Radius {
+    /// None: the effective radius is that of the scene illumination.
+    #[default]
+    Given,
+    /// One effective radius of the whole cloud.
+    Uniform,
+    /// The radius at one altitude and the altitude of the cloud base, for an adiabatic profile: the
+    /// cube of the effective radius is proportional to the height above the base.
+    Adiabatic,
+    /// The effective radius of each voxel; the prior expects small and smooth deviations from an
+    /// adiabatic profile, which is unknown too.
+    Field,
+}
+
 impl Default for InversionSettings {
     fn default() -> Self {
         Self {
@@ -91,6 +114,8 @@ impl Default for InversionSettings {
             coarse_error: 0.03,
             typical_gradient: 1200.0,
             start_error: 2.0,
+            radius: Radius::Given,
+            camera_gain_error: 0.0,
             misfit: 0.0,
             change: 1e-3,
         }
@@ -121,6 +146,7 @@ impl InversionSettings {
             ("coarse_error", self.coarse_error),
             ("typical_gradient", self.typical_gradient),
             ("start_error", self.start_error),
+            ("camera_gain_error", self.camera_gain_error),
             ("misfit", self.misfit),
             ("change", self.change),
         ];

@@ -40,9 +40,12 @@ struct Header {
 /// Text that identifies an inversion in a checkpoint: its `configuration` and a checksum of the
 /// contents of its images, mask and start.
 pub fn inversion_identity(problem: &Problem, start: &Start, configuration: &str) -> String {
-    let Problem { observation, mask, .. } = problem;
-    let mut fields: Vec<&Array3<f32>> = vec![&observation.images.values];
-    fields.extend(observation.standard_error.as_ref().map(|errors| &errors.values));
+    let Problem { bands, mask, .. } = problem;
+    let mut fields: Vec<&Array3<f32>> = Vec::new();
+    for band in *bands {
+        fields.push(&band.images.values);
+        fields.extend(band.standard_error.as_ref().map(|errors| &errors.values));
+    }
     if let Start::Estimate(estimate) = start {
         fields.push(&estimate.extinction.values);
         fields.extend(estimate.uncertainty.as_ref().map(|volume| &volume.values));
@@ -50,10 +53,12 @@ pub fn inversion_identity(problem: &Problem, start: &Start, configuration: &str)
     let mut parts: Vec<Vec<u8>> =
         fields.iter().map(|field| field.iter().flat_map(|x| x.to_le_bytes()).collect()).collect();
     parts.push(mask.values.iter().map(|inside| u8::from(*inside)).collect());
-    let saturated = observation.saturated.iter().flatten();
-    parts.push(saturated.map(|saturated| u8::from(*saturated)).collect());
-    let geometry = format!("{:?} {:?} {:?}", observation.views, observation.light, mask.grid);
-    parts.push(geometry.into_bytes());
+    for band in *bands {
+        let saturated = band.saturated.iter().flatten();
+        parts.push(saturated.map(|saturated| u8::from(*saturated)).collect());
+        parts.push(format!("{:?} {:?}", band.views, band.light).into_bytes());
+    }
+    parts.push(format!("{:?}", mask.grid).into_bytes());
     let digest = crate::files::sha256_of(parts.iter().map(Vec::as_slice));
     format!("{configuration}sha256 = \"{digest}\"\n")
 }

@@ -38,6 +38,25 @@ pub struct Mixture {
     pub single_scattering_albedo: f64,
 }
 
+/// The derivative of a [`Mixture`] with respect to its effective radius.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MixtureDerivative {
+    /// That of the extinction per liquid water content (1/km per g/m3, per um).
+    pub extinction_per_water: f64,
+    /// Those of the probabilities that a collision scatters according to the phase function of the
+    /// first and of the second node (1/um).
+    pub scattering: [f64; 2],
+}
+
+/// Droplets of an effective radius, divided between two nodes.
+struct Division<'a> {
+    first: usize,
+    nodes: [&'a DropletOptics; 2],
+    /// Fraction of the liquid water in droplets of the second node, and its derivative (1/um).
+    water: f64,
+    slope: f64,
+}
+
 impl DropletTable {
     /// A table of nodes.
     ///
@@ -82,12 +101,7 @@ impl DropletTable {
     /// area, its inverse is linear in the fraction of the water, and so is the extinction.
     #[inline]
     pub fn mixture(&self, effective_radius: f64) -> Mixture {
-        let above = self.nodes.partition_point(|node| node.effective_radius <= effective_radius);
-        let first = above.saturating_sub(1).min(self.nodes.len().saturating_sub(2));
-        let (a, b) = (&self.nodes[first], &self.nodes[self.second(first)]);
-        let inverse = 1.0 / effective_radius.clamp(a.effective_radius, b.effective_radius);
-        let (from, to) = (1.0 / a.effective_radius, 1.0 / b.effective_radius);
-        let water = if from > to { (from - inverse) / (from - to) } else { 0.0 };
+        let Division { first, nodes: [a, b], water, .. } = self.division(effective_radius);
         let (from_a, from_b) =
             ((1.0 - water) * a.extinction_per_water, water * b.extinction_per_water);
         let extinction_per_water = from_a + from_b;
@@ -99,6 +113,36 @@ impl DropletTable {
             extinction_per_water,
             single_scattering_albedo: (scattered / extinction_per_water).min(1.0),
         }
+    }
+
+    /// The derivative of [`DropletTable::mixture`] with respect to the effective radius, which is
+    /// that of the interval above the radius at a node, and 0 beyond the table.
+    pub fn mixture_derivative(&self, effective_radius: f64) -> MixtureDerivative {
+        let Division { nodes: [a, b], water, slope, .. } = self.division(effective_radius);
+        let extinction = (1.0 - water) * a.extinction_per_water + water * b.extinction_per_water;
+        // Of the extinction, the second node has the fraction water * b / extinction.
+        let change =
+            slope * a.extinction_per_water * b.extinction_per_water / (extinction * extinction);
+        MixtureDerivative {
+            extinction_per_water: slope * (b.extinction_per_water - a.extinction_per_water),
+            scattering: [-change * a.single_scattering_albedo, change * b.single_scattering_albedo],
+        }
+    }
+
+    #[inline]
+    fn division(&self, effective_radius: f64) -> Division<'_> {
+        let above = self.nodes.partition_point(|node| node.effective_radius <= effective_radius);
+        let first = above.saturating_sub(1).min(self.nodes.len().saturating_sub(2));
+        let nodes = [&self.nodes[first], &self.nodes[self.second(first)]];
+        let [least, most] = nodes.map(|node| node.effective_radius);
+        let inverse = 1.0 / effective_radius.clamp(least, most);
+        let (from, to) = (1.0 / least, 1.0 / most);
+        let (water, slope) = match from > to {
+            true => ((from - inverse) / (from - to), inverse * inverse / (from - to)),
+            false => (0.0, 0.0),
+        };
+        let inside = (least..=most).contains(&effective_radius);
+        Division { first, nodes, water, slope: if inside { slope } else { 0.0 } }
     }
 
     /// The scattering properties of a mixture.
@@ -169,6 +213,30 @@ mod tests {
         }
         let asymmetry = table.collision(&table.mixture(20.0)).asymmetry();
         assert!((asymmetry - 0.87).abs() < 1e-12);
+    }
+
+    /// The probabilities of scattering are linear in the mixture of two populations, and the
+    /// derivative is that of central differences.
+    #[test]
+    fn mixtures_have_their_derivatives() {
+        let table = table();
+        let values = |radius: f64| {
+            let found = table.mixture(radius);
+            let albedo = found.single_scattering_albedo;
+            [found.extinction_per_water, albedo * (1.0 - found.share), albedo * found.share]
+        };
+        for radius in [5.3, 8.0, 11.0, 19.0] {
+            let [above, below] = [radius + 1e-4, radius - 1e-4].map(values);
+            let MixtureDerivative { extinction_per_water, scattering: [a, b] } =
+                table.mixture_derivative(radius);
+            for (n, found) in [extinction_per_water, a, b].into_iter().enumerate() {
+                let difference = (above[n] - below[n]) / 2e-4;
+                assert!((found / difference - 1.0).abs() < 1e-6, "{radius}: {found} {difference}");
+            }
+        }
+        for beyond in [0.0, 4.9, 20.1] {
+            assert_eq!(table.mixture_derivative(beyond).scattering, [0.0; 2]);
+        }
     }
 
     #[test]

@@ -14,10 +14,10 @@ mod population;
 mod scattering;
 mod water;
 
-pub use droplet_table::{DropletOptics, DropletTable, Mixture};
+pub use droplet_table::{DropletOptics, DropletTable, Mixture, MixtureDerivative};
 pub use mie::{Efficiencies, Sphere};
 pub use phase::{PhaseFunction, PhaseTable};
-pub use population::{DropletSettings, SizeDistribution};
+pub use population::{DropletSettings, SizeDistribution, TABLE_RADII};
 pub use scattering::{Collision, Scattering};
 pub use water::water_refractive_index;
 
@@ -30,6 +30,10 @@ use std::sync::Arc;
 /// Asymmetry parameter of water clouds at visible wavelengths. Mie theory gives 0.861 for an
 /// effective radius of 10 um at 672 nm.
 pub const CLOUD_ASYMMETRY: f64 = 0.86;
+
+/// Extinction per liquid water content times effective radius (1/km per g/m3, times um) for an
+/// extinction efficiency of 2: `3 Q / (4 rho_w)`.
+pub const GEOMETRIC_EXTINCTION: f64 = 1500.0;
 
 /// Interpolation of extinction between the values of a grid.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -189,9 +193,12 @@ pub fn extinction(cloud: &Cloud) -> Result<Volume> {
             "given by its extinction or by its liquid water content and effective radius",
         ));
     };
-    let values = ndarray::Zip::from(&droplets.liquid_water_content)
-        .and(&droplets.effective_radius)
-        .map_collect(|&water, &radius| if water > 0.0 { 1500.0 * water / radius } else { 0.0 });
+    let values =
+        ndarray::Zip::from(&droplets.liquid_water_content)
+            .and(&droplets.effective_radius)
+            .map_collect(|&water, &radius| {
+                if water > 0.0 { GEOMETRIC_EXTINCTION as f32 * water / radius } else { 0.0 }
+            });
     Volume::new(cloud.grid, values)
 }
 

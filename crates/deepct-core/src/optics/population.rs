@@ -131,10 +131,14 @@ impl DropletTable {
     }
 }
 
-/// Effective radii (um) from 1 to 25 um, each about a twelfth larger than the previous one.
+/// The smallest and the largest effective radius (um) of [`DropletTable::of`].
+pub const TABLE_RADII: [f64; 2] = [1.0, 25.0];
+
+/// Effective radii (um) of [`TABLE_RADII`], each about a twelfth larger than the previous one.
 pub(super) fn default_radii() -> Vec<f64> {
+    let [least, most] = TABLE_RADII;
     let count = 40;
-    (0..=count).map(|i| 25_f64.powf(f64::from(i) / f64::from(count))).collect()
+    (0..=count).map(|i| least * (most / least).powf(f64::from(i) / f64::from(count))).collect()
 }
 
 /// Mie scattering by spheres of all sizes that occur in a set of populations.

@@ -95,6 +95,23 @@ impl Scattering {
             }
         }
     }
+
+    /// The derivatives of the probabilities of [`Scattering::shares`] with respect to the effective
+    /// radius of voxel `[k, j, i]` (1/um); 0 for uniform properties.
+    ///
+    /// # Panics
+    /// Panics if the voxel is outside the grid of the droplets.
+    pub fn share_derivatives(&self, voxel: [usize; 3]) -> [(usize, f64); 2] {
+        match self {
+            Self::Uniform { .. } => [(0, 0.0); 2],
+            Self::Droplets { effective_radius, table } => {
+                let radius = f64::from(effective_radius[voxel]);
+                let [first, second] = table.mixture_derivative(radius).scattering;
+                let number = table.mixture(radius).first;
+                [(number, first), (table.second(number), second)]
+            }
+        }
+    }
 }
 
 impl Collision<'_> {

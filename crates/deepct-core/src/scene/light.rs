@@ -13,6 +13,7 @@ use crate::optics::{
     CLOUD_ASYMMETRY, DropletSettings, DropletTable, Medium, PhaseFunction, SizeDistribution,
     droplet_extinction, extinction,
 };
+use ndarray::{Array3, Zip};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
@@ -204,6 +205,61 @@ impl Light {
     /// As [`Light::scene`].
     pub fn scene_of(&self, extinction: Volume) -> Result<Scene> {
         self.scene(&Cloud::from_extinction(extinction)?)
+    }
+
+    /// The scene of a cloud given by its extinction (1/km) with this illumination, for droplets whose
+    /// effective radii are unknown: the table of droplet optics covers [`TABLE_RADII`](crate::optics::TABLE_RADII), and the radius
+    /// is 10 um until it is replaced.
+    ///
+    /// # Errors
+    /// As [`Light::scene`], and if the phase function does not depend on the effective radius.
+    pub fn scene_of_any_droplets(&self, extinction: Volume) -> Result<Scene> {
+        if self.optics.phase != PhaseModel::Mie {
+            return Err(Error::out_of_range(
+                "optics.phase",
+                "independent of the effective radius",
+                "mie if the effective radius is to be retrieved",
+            ));
+        }
+        let radii = Array3::from_elem(extinction.grid.shape, 10.0);
+        let cloud = Cloud::from_extinction_and_radii(extinction, radii)?;
+        let mut light = self.clone();
+        light.optics.effective_radius = None;
+        light.scene(&cloud)
+    }
+
+    /// The droplets of a given effective radius (um) that have an extinction (1/km), as the inverse of
+    /// [`Light::extinction`].
+    ///
+    /// # Errors
+    /// Returns an error if a value is out of range or the volumes are on different grids.
+    pub fn droplets_of(
+        &self,
+        extinction: &Volume,
+        effective_radius: &Volume,
+    ) -> Result<Microphysics> {
+        extinction.grid.check_same("the effective radius", &effective_radius.grid)?;
+        let radii = effective_radius.values.clone();
+        let cloud = Cloud::from_extinction_and_radii(extinction.clone(), radii)?;
+        let geometric = cloud.microphysics.expect("made from droplets");
+        let settings = self.droplet_settings(&Cloud { microphysics: None, ..cloud });
+        let mut liquid_water_content = geometric.liquid_water_content;
+        if self.optics.extinction == ExtinctionModel::Mie {
+            let table = DropletTable::shared(&settings, self.optics.bandwidth, None)?;
+            Zip::from(&mut liquid_water_content)
+                .and(&extinction.values)
+                .and(&effective_radius.values)
+                .for_each(|water, extinction, radius| {
+                    let per_water = table.mixture(f64::from(*radius)).extinction_per_water;
+                    *water = extinction / per_water as f32;
+                });
+        }
+        let variance = settings.effective_variance as f32;
+        Ok(Microphysics {
+            liquid_water_content,
+            effective_variance: Array3::from_elem(extinction.grid.shape, variance),
+            effective_radius: geometric.effective_radius,
+        })
     }
 
     /// As [`Light::scene`], with the droplet optics of [`Light::droplet_table`], which can be used

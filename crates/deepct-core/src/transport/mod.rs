@@ -18,7 +18,7 @@ mod peak;
 mod photons;
 
 pub use monte_carlo::{MonteCarloSettings, Radiance};
-pub use ordinates::{OrdinatesModel, OrdinatesSettings};
+pub use ordinates::{Derivatives, OrdinatesModel, OrdinatesSettings};
 pub use photons::{FluxSettings, Fluxes, Share, fluxes};
 
 use crate::error::{Error, Result};

@@ -670,6 +670,7 @@ class Reconstruction:
         history: list[dict[str, Any]],
         ending: str,
         light: Light,
+        effective_radius: Optional[ArrayLike] = None,
         *,
         lineage: Optional[Lineage] = None,
     ) -> Reconstruction: ...
@@ -686,6 +687,8 @@ class Reconstruction:
     @property
     def light(self) -> Light: ...
     @property
+    def effective_radius(self) -> Optional[_Floats]: ...
+    @property
     def lineage(self) -> Lineage: ...
     def to_netcdf(
         self, path: _Path, *, title: str = "Extinction by inversion", overwrite: bool = False
@@ -694,7 +697,7 @@ class Reconstruction:
     def _repr_html_(self) -> str: ...
 
 def invert(
-    radiance: _Images,
+    radiance: Union[_Images, Sequence[Observation]],
     views: Optional[_Views] = None,
     grid: Optional[_Grid] = None,
     light: Optional[Light] = None,
@@ -708,7 +711,7 @@ def invert(
     **settings: Any,
 ) -> Reconstruction: ...
 def hybrid(
-    radiance: _Images,
+    radiance: Union[_Images, Sequence[Observation]],
     views: Optional[_Views] = None,
     network: Union[Network, _Path, None] = None,
     light: Optional[Light] = None,

@@ -1,14 +1,17 @@
 //! Tests of inversions of an absorbing cloud whose images are known.
 
 use super::*;
+use crate::cloud::Cloud;
 use crate::image::ViewStack;
 use crate::inversion::blocks::smooth;
-use crate::inversion::{ForwardModel, OrdinatesModels, Variable};
+use crate::inversion::{Fields, ForwardModel, OrdinatesModels, Radius, Variable};
 use crate::math::{DVec3, towards};
-use crate::scene::{Light, Observation, Sun, View};
-use crate::transport::{OrdinatesModel, OrdinatesSettings};
+use crate::rng::{Purpose, RngExt, stream};
+use crate::scene::{ExtinctionModel, Light, Observation, PhaseModel, Sun, View};
+use crate::transport::{Derivatives, OrdinatesModel, OrdinatesSettings};
 use crate::traverse::walk;
 use std::cell::{Cell, RefCell};
+use std::slice::from_ref;
 
 // The forward model has a known solution: parallel light, absorbed by the extinction in front of a
 // bright background.
@@ -36,6 +39,11 @@ struct OnGrid<'a> {
 }
 
 impl OnGrid<'_> {
+    fn of(&mut self, extinction: &Volume) -> ViewStack {
+        let fields = Fields { extinction: extinction.clone(), effective_radius: None };
+        self.images(&fields).unwrap().remove(0)
+    }
+
     fn optical_depth(&self, [view, row, col]: [usize; 3]) -> f64 {
         let ray = self.views[view].ray(row as f64 + 0.5, col as f64 + 0.5);
         walk(&self.extinction.grid, &ray)
@@ -45,15 +53,17 @@ impl OnGrid<'_> {
 }
 
 impl ForwardModel for OnGrid<'_> {
-    fn images(&mut self, extinction: &Volume) -> Result<ViewStack> {
-        self.extinction = extinction.clone();
+    fn images(&mut self, fields: &Fields) -> Result<Vec<ViewStack>> {
+        self.extinction = fields.extinction.clone();
         let shape = (self.views.len(), self.views[0].rows, self.views[0].cols);
-        ViewStack::new(Array3::from_shape_fn(shape, |(view, row, col)| {
+        let images = ViewStack::new(Array3::from_shape_fn(shape, |(view, row, col)| {
             1.0 - (-self.optical_depth([view, row, col])).exp() as f32
-        }))
+        }));
+        images.map(|images| vec![images])
     }
 
-    fn gradient(&mut self, weights: &ViewStack) -> Result<Volume> {
+    fn derivatives(&mut self, weights: &[ViewStack]) -> Result<Derivatives> {
+        let [weights] = weights else { panic!("one band") };
         let mut gradient = Volume::constant(self.extinction.grid, 0.0);
         for ((view, row, col), weight) in weights.values.indexed_iter() {
             let passed = (-self.optical_depth([view, row, col])).exp();
@@ -63,7 +73,8 @@ impl ForwardModel for OnGrid<'_> {
                 gradient.values[step.voxel] += derivative as f32;
             }
         }
-        Ok(gradient)
+        let effective_radius = Volume::constant(gradient.grid, 0.0);
+        Ok(Derivatives { extinction: gradient, effective_radius })
     }
 }
 
@@ -84,7 +95,7 @@ fn observe() -> (Volume, Observation, Absorption) {
         })
         .collect();
     let models = Absorption { views: views.clone() };
-    let images = models.on(truth.grid).images(&truth).unwrap();
+    let images = models.on(truth.grid).of(&truth);
     (truth, Observation::new(Sun::default(), views, images).unwrap(), models)
 }
 
@@ -141,7 +152,7 @@ impl Watch for Keeper {
 fn a_cloud_that_absorbs_is_found_from_next_to_nothing() {
     let (truth, observation, mut models) = observe();
     let mask = mask(&truth);
-    let problem = Problem { observation: &observation, mask: &mask, truth: Some(&truth) };
+    let problem = Problem { bands: from_ref(&observation), mask: &mask, truth: Some(&truth) };
     for variable in [Variable::Linear, Variable::Logarithmic] {
         let settings = InversionSettings { variable, misfit: 0.1, ..settings() };
         let start = Start::Constant(0.01);
@@ -162,8 +173,8 @@ fn the_search_finds_the_constant_that_fits_best() {
     let mask = mask(&truth);
     let inside = mask.values.mapv(|inside| if inside { 3.7 } else { 0.0 });
     let constant = Volume::new(truth.grid, inside).unwrap();
-    observation.images = models.on(truth.grid).images(&constant).unwrap();
-    let problem = Problem { observation: &observation, mask: &mask, truth: None };
+    observation.images = models.on(truth.grid).of(&constant);
+    let problem = Problem { bands: from_ref(&observation), mask: &mask, truth: None };
     let settings = InversionSettings { iterations: 0, coarse: vec![], ..settings() };
     for start in [Start::Search, Start::Constant(0.01), Start::Constant(90.0)] {
         let found = invert(&problem, &mut models, &start, &settings, &()).unwrap();
@@ -176,7 +187,7 @@ fn the_search_finds_the_constant_that_fits_best() {
 fn an_inversion_goes_on_where_it_was_stopped() {
     let (truth, observation, mut models) = observe();
     let mask = mask(&truth);
-    let problem = Problem { observation: &observation, mask: &mask, truth: Some(&truth) };
+    let problem = Problem { bands: from_ref(&observation), mask: &mask, truth: Some(&truth) };
     let settings = InversionSettings { iterations: 9, coarse_iterations: 5, ..settings() };
     let start = Start::Constant(1.0);
     let whole = invert(&problem, &mut models, &start, &settings, &()).unwrap();
@@ -211,7 +222,7 @@ fn an_inversion_by_discrete_ordinates_goes_on_with_the_same_bits() {
     let images = OrdinatesModel::new(&scene, &views, None, &solver).unwrap().images(&truth);
     let observation = Observation::new(light, views.to_vec(), images.unwrap()).unwrap();
     let mask = Mask::new(grid, Array3::from_elem(grid.shape, true)).unwrap();
-    let problem = Problem { observation: &observation, mask: &mask, truth: None };
+    let problem = Problem { bands: from_ref(&observation), mask: &mask, truth: None };
     let settings = InversionSettings { iterations: 8, coarse_iterations: 7, ..settings() };
     let models = || OrdinatesModels::new(scene.clone(), views.to_vec(), solver);
     let whole = invert(&problem, &mut models(), &Start::Search, &settings, &()).unwrap();
@@ -225,6 +236,114 @@ fn an_inversion_by_discrete_ordinates_goes_on_with_the_same_bits() {
     }
 }
 
+/// A cloud of droplets that grow from its base, and its images in visible light and at 2.13 um, by the
+/// solver that inverts them, with 1 % of noise.
+fn microphysics() -> (Volume, Volume, [Observation; 2]) {
+    let grid = Grid::new(DVec3::new(0.0, 0.0, 0.6), DVec3::splat(0.05), [6, 7, 7]).unwrap();
+    let inside = |k: usize, j: usize, i: usize| {
+        let at = (grid.voxel_center([k, j, i]) - grid.center()) / grid.extent();
+        at.length() < 0.45
+    };
+    let extinction = Array3::from_shape_fn(grid.shape, |(k, j, i)| {
+        if inside(k, j, i) { 10.0 + 6.0 * k as f32 + ((2 * j + i) % 3) as f32 } else { 0.0 }
+    });
+    let extinction = Volume::new(grid, extinction).unwrap();
+    let radius = |k: usize| 14.0 * ((grid.voxel_center([k, 0, 0]).z - 0.6) / 0.3).cbrt() as f32;
+    let radii = Array3::from_shape_fn(grid.shape, |(k, ..)| radius(k));
+    let radii = Volume::new(grid, radii).unwrap();
+    let views: Vec<View> = (0..6)
+        .map(|number| {
+            let (zenith, azimuth) = ([0.0, 0.5, 0.9][number % 3], 1.0 + 2.1 * number as f64);
+            View::orthographic(towards(zenith, azimuth), grid.center(), 0.05, [12, 12]).unwrap()
+        })
+        .collect();
+    let mut random = stream(3, Purpose::Validation, &[]);
+    let light = |wavelength: f64| {
+        let mut light = Light { wavelength, ..Light::default() };
+        light.optics.phase = PhaseModel::Mie;
+        light.optics.extinction = ExtinctionModel::Mie;
+        light
+    };
+    let droplets = light(0.672).droplets_of(&extinction, &radii).unwrap();
+    let cloud = Cloud::from_microphysics(grid, droplets).unwrap();
+    let mut observe = |wavelength: f64| {
+        let light = light(wavelength);
+        let scene = light.scene(&cloud).unwrap();
+        let mut model = OrdinatesModel::new(&scene, &views, None, &solver()).unwrap();
+        let mut images = model.images(&scene.medium.extinction).unwrap();
+        let error = images.values.mapv(|radiance| 0.01 * radiance + 1e-4);
+        images.values.zip_mut_with(&error, |radiance, error| {
+            // Uniform in a range of this standard deviation.
+            *radiance += error * 3.0_f32.sqrt() * random.random_range(-1.0_f32..1.0);
+        });
+        let observation = Observation::new(light, views.clone(), images).unwrap();
+        observation.with_standard_error(error).unwrap()
+    };
+    let bands = [observe(0.672), observe(2.13)];
+    (extinction, radii, bands)
+}
+
+fn solver() -> OrdinatesSettings {
+    OrdinatesSettings { zenith_angles: 4, ..Default::default() }
+}
+
+/// The error of the extinction, and the extinction-weighted mean absolute error of the effective radius
+/// (um), of an inversion of some bands.
+fn retrieved(
+    (truth, radii): (&Volume, &Volume),
+    bands: &[Observation],
+    settings: &InversionSettings,
+) -> (f64, f64) {
+    let mask = Mask::new(truth.grid, truth.values.mapv(|value| value > 0.0)).unwrap();
+    let problem = Problem { bands, mask: &mask, truth: Some(truth) };
+    let mut models = OrdinatesModels::of(bands, &truth.grid, settings.radius, solver()).unwrap();
+    let found = invert(&problem, &mut models, &Start::Search, settings, &()).unwrap();
+    let epsilon = metrics::relative_error(truth, &found.extinction).unwrap();
+    let Some(radius) = found.effective_radius else { return (epsilon, 0.0) };
+    let errors = (&radius.values - &radii.values).mapv(f32::abs) * &truth.values;
+    (epsilon, f64::from(errors.sum() / truth.values.sum()))
+}
+
+fn droplet_settings(radius: Radius) -> InversionSettings {
+    InversionSettings { radius, coarse: vec![2], change: 1e-3, ..InversionSettings::default() }
+}
+
+/// Two bands determine the profile of the effective radius; one radius of the whole cloud is at best as
+/// wrong as the best constant, and a field is not worse than the profile of this adiabatic cloud.
+#[test]
+fn two_bands_determine_the_effective_radius() {
+    let (extinction, radii, bands) = microphysics();
+    let truth = (&extinction, &radii);
+    let (_, uniform) = retrieved(truth, &bands, &droplet_settings(Radius::Uniform));
+    let (epsilon, adiabatic) = retrieved(truth, &bands, &droplet_settings(Radius::Adiabatic));
+    let (other, field) = retrieved(truth, &bands, &droplet_settings(Radius::Field));
+    let found = format!("{uniform} um; {adiabatic} um, {epsilon}; {field} um, {other}");
+    assert!(adiabatic < 0.4 && epsilon < 0.2, "{found}");
+    assert!(field < 0.6 && other < 0.2, "{found}");
+    assert!(uniform < 2.5 && uniform > 2.0 * adiabatic, "{found}");
+}
+
+/// One camera 3 % too bright spoils the extinction unless its gain is unknown.
+#[test]
+fn a_gain_that_is_wrong_is_found() {
+    let (extinction, radii, [visible, _]) = microphysics();
+    let (truth, mut wrong) = ((&extinction, &radii), visible.clone());
+    wrong.light.optics.effective_radius = Some(11.0);
+    let right = wrong.clone();
+    wrong.images.values.index_axis_mut(ndarray::Axis(0), 2).mapv_inplace(|value| 1.03 * value);
+    let settings = |camera_gain_error| InversionSettings {
+        camera_gain_error,
+        model_error: 0.001,
+        ..droplet_settings(Radius::Given)
+    };
+    let error = |observation: &Observation, gain_error: f64| {
+        retrieved(truth, from_ref(observation), &settings(gain_error)).0
+    };
+    let (known, ignored, found) = (error(&right, 0.0), error(&wrong, 0.0), error(&wrong, 0.02));
+    assert!(found < 1.05 * known, "{known} {ignored} {found}");
+    assert!(ignored > found, "{known} {ignored} {found}");
+}
+
 /// Models whose images are 10 % too dark, with a correction near the solution.
 struct TooDark(Absorption);
 
@@ -235,7 +354,7 @@ impl Models for TooDark {
 
     fn model(&mut self, domain: &Domain) -> Result<Box<dyn ForwardModel + '_>> {
         let mut model = self.0.on(domain.mask.grid);
-        let right = model.images(domain.expected)?;
+        let right = model.images(domain.expected)?.remove(0);
         let defect = if domain.near { 0.1 * right.values } else { 0.0 * right.values };
         Ok(Box::new(Dimmed { model, defect }))
     }
@@ -247,12 +366,13 @@ struct Dimmed<'a> {
 }
 
 impl ForwardModel for Dimmed<'_> {
-    fn images(&mut self, extinction: &Volume) -> Result<ViewStack> {
-        ViewStack::new(0.9 * self.model.images(extinction)?.values + &self.defect)
+    fn images(&mut self, fields: &Fields) -> Result<Vec<ViewStack>> {
+        let images = self.model.images(fields)?.remove(0);
+        Ok(vec![ViewStack::new(0.9 * images.values + &self.defect)?])
     }
 
-    fn gradient(&mut self, weights: &ViewStack) -> Result<Volume> {
-        self.model.gradient(&ViewStack::new(0.9 * &weights.values)?)
+    fn derivatives(&mut self, weights: &[ViewStack]) -> Result<Derivatives> {
+        self.model.derivatives(&[ViewStack::new(0.9 * &weights[0].values)?])
     }
 }
 
@@ -262,7 +382,7 @@ fn corrections_end_at_the_answer_of_the_accurate_model() {
     let (truth, observation, models) = observe();
     let mut models = TooDark(models);
     let mask = mask(&truth);
-    let problem = Problem { observation: &observation, mask: &mask, truth: Some(&truth) };
+    let problem = Problem { bands: from_ref(&observation), mask: &mask, truth: Some(&truth) };
     let mut found = |corrections| {
         let settings = InversionSettings { corrections, misfit: 1e-4, ..settings() };
         invert(&problem, &mut models, &Start::Constant(1.0), &settings, &()).unwrap()
@@ -296,15 +416,20 @@ impl Models for Forgetful<'_> {
     }
 }
 
+impl Forgetful<'_> {
+    fn share(&self) -> f32 {
+        if self.forgotten.is_multiple_of(2) { 0.97 } else { 1.0 }
+    }
+}
+
 impl ForwardModel for Forgetful<'_> {
-    fn images(&mut self, extinction: &Volume) -> Result<ViewStack> {
-        let share = if self.forgotten.is_multiple_of(2) { 0.97 } else { 1.0 };
-        ViewStack::new(share * self.model.images(extinction)?.values)
+    fn images(&mut self, fields: &Fields) -> Result<Vec<ViewStack>> {
+        let images = self.model.images(fields)?.remove(0);
+        Ok(vec![ViewStack::new(self.share() * images.values)?])
     }
 
-    fn gradient(&mut self, weights: &ViewStack) -> Result<Volume> {
-        let share = if self.forgotten.is_multiple_of(2) { 0.97 } else { 1.0 };
-        self.model.gradient(&ViewStack::new(share * &weights.values)?)
+    fn derivatives(&mut self, weights: &[ViewStack]) -> Result<Derivatives> {
+        self.model.derivatives(&[ViewStack::new(self.share() * &weights[0].values)?])
     }
 
     fn forget(&mut self) {
@@ -317,7 +442,7 @@ impl ForwardModel for Forgetful<'_> {
 fn an_inversion_continues_where_the_model_begins_anew() {
     let (truth, observation, models) = observe();
     let mask = mask(&truth);
-    let problem = Problem { observation: &observation, mask: &mask, truth: Some(&truth) };
+    let problem = Problem { bands: from_ref(&observation), mask: &mask, truth: Some(&truth) };
     let mut models = Forgetful { model: models.on(truth.grid), forgotten: 0 };
     let settings = InversionSettings { iterations: 2 * KEPT + 5, coarse: vec![], ..settings() };
     let found = invert(&problem, &mut models, &Start::Constant(1.0), &settings, &()).unwrap();
@@ -330,7 +455,7 @@ fn an_inversion_continues_where_the_model_begins_anew() {
 fn a_start_is_what_the_prior_expects() {
     let (truth, observation, mut models) = observe();
     let mask = mask(&truth);
-    let problem = Problem { observation: &observation, mask: &mask, truth: None };
+    let problem = Problem { bands: from_ref(&observation), mask: &mask, truth: None };
     let settings = InversionSettings {
         relative_noise: 1e3,
         least_error: 1e3,
@@ -355,7 +480,7 @@ fn a_start_is_what_the_prior_expects() {
 fn what_does_not_fit_is_refused() {
     let (truth, observation, mut models) = observe();
     let mask = mask(&truth);
-    let problem = Problem { observation: &observation, mask: &mask, truth: None };
+    let problem = Problem { bands: from_ref(&observation), mask: &mask, truth: None };
     let mut run = |problem: &Problem, start: Start, settings: &InversionSettings| {
         invert(problem, &mut models, &start, settings, &()).unwrap_err().to_string()
     };

@@ -1,9 +1,10 @@
 //! The result of an inversion: the volume, its mask and the course of the iterations.
 
 use super::Provenance;
-use super::field::{put_mask, put_volume};
+use super::field::{put_cloud, put_mask, put_volume};
 use super::light::put_light;
 use super::write::{Attribute::*, Output};
+use crate::cloud::Cloud;
 use crate::error::Result;
 use crate::grid::Mask;
 use crate::inversion::{Ending, Reconstruction, Record};
@@ -11,14 +12,17 @@ use crate::scene::Observation;
 use ndarray::Array1;
 use std::path::Path;
 
-/// Write a reconstruction: `extinction` and `mask` on `(z, y, x)`; on the dimension `step`, the
+/// Write a reconstruction: `extinction`, `mask` and, if the effective radius was retrieved, the
+/// droplets `lwc`, `reff` and `veff` on `(z, y, x)`, of which `veff` is that of the scene
+/// illumination; on the dimension `step`, the
 /// values of `block`, `seconds`, `misfit` and, if the truth is known, `relative_error` and
-/// `mass_error` after each iteration; and the scene illumination of the images. The file can be
-/// read by `read_volume` and `read_mask`. That of an interrupted inversion is marked
+/// `mass_error` after each iteration; and the scene illumination of the images of the first band. The
+/// file can be read by `read_cloud`, `read_volume` and `read_mask`. That of an interrupted inversion is marked
 /// ([`incomplete`](super::incomplete)).
 ///
 /// # Errors
-/// Returns an error if the file cannot be written.
+/// Returns an error if the file cannot be written, or if the scene illumination has a value out of
+/// range.
 pub fn write_reconstruction(
     path: impl AsRef<Path>,
     reconstruction: &Reconstruction,
@@ -27,7 +31,15 @@ pub fn write_reconstruction(
     provenance: &Provenance,
 ) -> Result<()> {
     let mut output = Output::create(path.as_ref(), provenance)?;
-    put_volume(&mut output, &reconstruction.extinction)?;
+    let Reconstruction { extinction, effective_radius, .. } = reconstruction;
+    match effective_radius {
+        None => put_volume(&mut output, extinction)?,
+        Some(radius) => {
+            let droplets = Some(observation.light.droplets_of(extinction, radius)?);
+            let cloud = Cloud::from_extinction(extinction.clone())?;
+            put_cloud(&mut output, &Cloud { microphysics: droplets, ..cloud })?;
+        }
+    }
     put_mask(&output, mask)?;
     put_light(&output, observation)?;
     put_history(&mut output, &reconstruction.history)?;

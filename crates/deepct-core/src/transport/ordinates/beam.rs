@@ -4,6 +4,7 @@ mod tangent;
 
 pub(super) use tangent::sun_depth_change;
 
+use super::derivative::ByMedium;
 use super::lattice::{Lattice, Segment, basis};
 use super::optics::Optics;
 use super::quadrature::gauss_legendre;
@@ -34,14 +35,19 @@ pub(super) struct Rays<'a> {
 }
 
 impl Rays<'_> {
-    /// Delta-M scaled optical depth of a part of a ray.
+    /// Optical depth of a part of a ray, including the forward peak.
     #[inline]
-    fn depth_of(&self, segment: &Segment) -> f64 {
+    fn unscaled_depth(&self, segment: &Segment) -> f64 {
         let reach = segment.to - segment.from;
         let at = |x| segment.from + x * reach;
         let value = |x| self.lattice.value_in(self.extinction, segment.number, at(x));
-        let mean = 0.5 * (value(GAUSS_TWO[0]) + value(GAUSS_TWO[1]));
-        f64::from(self.optics.delta_m_scaling(segment.number)) * segment.length * mean
+        segment.length * 0.5 * (value(GAUSS_TWO[0]) + value(GAUSS_TWO[1]))
+    }
+
+    /// Delta-M scaled optical depth of a part of a ray.
+    #[inline]
+    fn depth_of(&self, segment: &Segment) -> f64 {
+        f64::from(self.optics.delta_m_scaling(segment.number)) * self.unscaled_depth(segment)
     }
 
     /// Delta-M scaled optical depth along a ray, which is not followed beyond [`DARK`].
@@ -56,16 +62,18 @@ impl Rays<'_> {
         depth
     }
 
-    /// Add to the derivative by voxel the contribution of `value`, the derivative with respect to
-    /// the optical depth along a ray.
-    pub(super) fn spread_depth(&self, ray: Ray, value: f64, into: &mut [f64]) {
+    /// Add to a derivative the contribution of `value`, the derivative with respect to the optical
+    /// depth along a ray.
+    pub(super) fn spread_depth(&self, ray: Ray, value: f64, into: &mut ByMedium) {
         for segment in self.lattice.segments(ray) {
             let scaling = f64::from(self.optics.delta_m_scaling(segment.number));
             let weight = 0.5 * value * scaling * segment.length;
             for x in GAUSS_TWO {
                 let at = segment.from + x * (segment.to - segment.from);
-                self.lattice.spread_in(into, segment.number, at, weight);
+                self.lattice.spread_in(&mut into.extinction, segment.number, at, weight);
             }
+            let row = self.optics.row(segment.number);
+            into.scaling[row] += value * self.unscaled_depth(&segment);
         }
     }
 
@@ -82,13 +90,12 @@ impl Rays<'_> {
     }
 
     /// Transpose of the derivative of [`Rays::sun_depths`].
-    pub(super) fn spread_sun_depths(&self, sun: DVec3, values: &[[f32; 8]], into: &mut [f64]) {
-        let voxels = into.len();
+    pub(super) fn spread_sun_depths(&self, sun: DVec3, values: &[[f32; 8]], into: &mut ByMedium) {
         let size = values.len().div_ceil(PARTS).max(1);
-        let parts: Vec<Vec<f64>> = (0..PARTS)
+        let parts: Vec<ByMedium> = (0..PARTS)
             .into_par_iter()
             .map(|part| {
-                let mut sums = vec![0.0; voxels];
+                let mut sums = ByMedium::new(self);
                 let first = (part * size).min(values.len());
                 for (offset, values) in values[first..].iter().take(size).enumerate() {
                     for (point, value) in values.iter().enumerate().filter(|(_, v)| **v != 0.0) {
@@ -99,7 +106,7 @@ impl Rays<'_> {
                 sums
             })
             .collect();
-        add_all(into, &parts);
+        parts.iter().for_each(|part| into.add(part));
     }
 
     fn sun_ray(&self, slot: usize, point: usize, sun: DVec3) -> Ray {

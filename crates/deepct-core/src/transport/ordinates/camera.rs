@@ -11,6 +11,7 @@ pub(super) use tangent::Change;
 
 use super::beam::{Rays, spread_sun_depth, sun_depth};
 use super::broadened::LEVELS;
+use super::derivative::ByMedium;
 use super::optics::Changes;
 use super::quadrature::first_harmonics;
 use super::surroundings::{BySurface, OnSurface, Outside, Surroundings};
@@ -132,8 +133,8 @@ impl AirLight {
 /// Derivative of a weighted sum of the radiances of a tile.
 #[derive(Debug)]
 pub(super) struct Derivative {
-    /// With respect to the extinction of each voxel, at fixed diffuse radiance.
-    pub(super) extinction: Vec<f64>,
+    /// With respect to the medium, at fixed diffuse radiance.
+    pub(super) medium: ByMedium,
     /// With respect to the optical depths towards the Sun from the cells.
     pub(super) sun_depths: Vec<[f32; 8]>,
     pub(super) on_surface: BySurface,
@@ -164,6 +165,10 @@ struct Point {
     /// Light scattered into the ray, over extinction: total, and from direct sunlight.
     source: f64,
     sunlight: f64,
+    /// Transmittance from the Sun to the point, and delta-M scaled optical depth of the cloud on the
+    /// path from the Sun to the camera.
+    lit: f64,
+    depth: f64,
     /// Derivative of the source with respect to the optical depth towards the Sun or the camera due
     /// to the broadening by the forward peak.
     broadening: f64,
@@ -292,6 +297,8 @@ impl Camera<'_> {
             let mut behind = beyond.transmittance * beyond.outside.radiance();
             for step in path.steps.iter().rev() {
                 let Step { slot, scaling, length, air, .. } = *step;
+                let number_of_voxel = self.rays.lattice.owner(slot);
+                let row = self.rays.optics.row(number_of_voxel);
                 let seen = step.weakened();
                 for (number, point) in step.points.iter().enumerate() {
                     let weakened = before[0][number] * seen[0]
@@ -300,13 +307,21 @@ impl Camera<'_> {
                         + 0.5 * behind;
                     let own = 0.5 * length * point.source * point.transmittance;
                     let value = weight * (own - length * scaling * weakened);
-                    self.rays.lattice.spread(&mut into.extinction, slot, point.at, value);
+                    self.rays.lattice.spread(&mut into.medium.extinction, slot, point.at, value);
+                    into.medium.scaling[row] -= weight * length * point.extinction * weakened;
                     let light = weight * 0.5 * length * point.extinction * point.transmittance;
                     spread_sun_depth(
                         &mut into.sun_depths[slot],
                         &self.sun_depths[slot],
                         point.at,
                         -light * (point.sunlight - point.broadening),
+                    );
+                    self.rays.optics.spread_density(
+                        number_of_voxel,
+                        &path.densities,
+                        point.depth,
+                        light * point.lit,
+                        &mut into.medium,
                     );
                     let functions = super::lattice::basis(point.at);
                     for (sum, function) in into.scattered[slot].iter_mut().zip(functions) {
@@ -349,9 +364,10 @@ impl Camera<'_> {
                 continue;
             }
             let scaling = f64::from(optics.delta_m_scaling(number));
-            // The steps do not depend on the current extinction, because the radiance would be
+            // The steps do not depend on the current medium, because the radiance would be
             // discontinuous where their number changes.
-            let thickness = scaling * f64::from(lattice.active()[number].prepared) / STEP;
+            let prepared = f64::from(lattice.active()[number].prepared);
+            let thickness = optics.typical_scaling * prepared / STEP;
             let [entered, _] = air.at(altitude(segment.enter));
             let mut gap = to_start * (entered - light) * f64::exp(-depth);
             light = entered;
@@ -387,6 +403,8 @@ impl Camera<'_> {
                             extinction: values[n],
                             source: single * lit + diffuse,
                             sunlight: single * lit,
+                            lit,
+                            depth: of_cloud,
                             broadening: change * lit,
                             transmittance: to_start * passed * (-to_camera).exp(),
                         }
@@ -453,9 +471,10 @@ struct Background {
 
 impl Derivative {
     /// A derivative of zero.
-    pub(super) fn new(voxels: usize, slots: usize, on_surface: OnSurface) -> Self {
+    pub(super) fn new(rays: &Rays, on_surface: OnSurface) -> Self {
+        let slots = rays.lattice.len();
         Self {
-            extinction: vec![0.0; voxels],
+            medium: ByMedium::new(rays),
             sun_depths: vec![[0.0; 8]; slots],
             on_surface: BySurface {
                 shade: vec![0.0; on_surface.shade.len()],

@@ -1,21 +1,80 @@
 //! Derivative of the images: the steps of a solution in reverse order.
 
-use super::beam::{PARTS, add_all};
+use super::beam::{PARTS, Rays, add_all};
 use super::camera::{Derivative, Tile};
 use super::diffuse::{Field, Origin, reverse};
-use super::quadrature::Octant;
+use super::quadrature::{Octant, first_harmonics};
 use super::sweep::Faces;
 use super::{OrdinatesModel, OrdinatesSettings, State};
+use crate::error::Result;
+use crate::grid::Volume;
 use crate::image::ViewStack;
+use ndarray::Array3;
 use rayon::prelude::*;
 
+/// Derivatives of a weighted sum of the images.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Derivatives {
+    /// With respect to the extinction of each voxel (km), at a constant effective radius.
+    pub extinction: Volume,
+    /// With respect to the effective radius of each voxel (1/um), at a constant extinction; zero if
+    /// the scattering does not depend on it. At a node of the table of droplet optics, between which
+    /// these are interpolated, it is the derivative towards larger radii.
+    pub effective_radius: Volume,
+}
+
+/// Derivative with respect to the medium.
+#[derive(Debug)]
+pub(super) struct ByMedium {
+    /// With respect to the extinction of each voxel.
+    pub(super) extinction: Vec<f64>,
+    /// With respect to the delta-M scaling factor, and to the optical depth of the forward peak over
+    /// the scaled one, by row of [`Optics`](super::optics::Optics).
+    pub(super) scaling: Vec<f64>,
+    pub(super) by_peak: Vec<f64>,
+    /// With respect to the share of the extinction that each phase function scatters, in single
+    /// scattering.
+    pub(super) shares: Vec<f64>,
+}
+
+impl ByMedium {
+    /// A derivative of zero.
+    pub(super) fn new(rays: &Rays) -> Self {
+        let rows = rays.optics.rows();
+        Self {
+            extinction: vec![0.0; rays.extinction.len()],
+            scaling: vec![0.0; rows],
+            by_peak: vec![0.0; rows],
+            shares: vec![0.0; rays.optics.pairs()],
+        }
+    }
+
+    pub(super) fn add(&mut self, other: &Self) {
+        for (into, values) in [
+            (&mut self.extinction, &other.extinction),
+            (&mut self.scaling, &other.scaling),
+            (&mut self.by_peak, &other.by_peak),
+            (&mut self.shares, &other.shares),
+        ] {
+            into.iter_mut().zip(values).for_each(|(sum, value)| *sum += value);
+        }
+    }
+}
+
 impl OrdinatesModel {
-    /// The derivative by voxel, and the adjoint radiance.
-    pub(super) fn differentiate(&self, state: &State, weights: &ViewStack) -> (Vec<f64>, Field) {
+    /// The derivatives by voxel, and the adjoint radiance.
+    ///
+    /// # Errors
+    /// None for the weights of images of the model.
+    pub(super) fn differentiate(
+        &self,
+        state: &State,
+        weights: &ViewStack,
+    ) -> Result<(Derivatives, Field)> {
         let rays = self.rays(&state.extinction);
         let transport = self.transport(rays, &state.unscaled, &state.scaled);
         let count = self.quadrature.harmonics;
-        let (mut derivative, mut by_moments) = self.seen(state, weights);
+        let (mut derivative, mut by_moments, mut by_scattered) = self.seen(state, weights);
 
         // Adjoint radiance of light that propagates backwards from the cameras. The equations hold
         // per unit volume, so the transposed source is divided by the relative volume of the cell.
@@ -52,32 +111,61 @@ impl OrdinatesModel {
         // Derivative with respect to multiple and single scattering.
         let mut reversed = adjoint.moments.clone();
         reverse(&mut reversed, count);
-        let turned = self.turned_sunlight();
+        let sun = first_harmonics(-self.scene.sun.towards(), count);
         let mut by_stopped = vec![[0.0; 4]; self.lattice.len()];
+        let Derivative { medium, sun_depths, on_surface, .. } = &mut derivative;
         for (slot, by_scaled) in by_scaled.iter().enumerate() {
-            let row = |m: usize| (slot * 4 + m) * count..(slot * 4 + m + 1) * count;
             let (number, share) = (self.lattice.owner(slot), self.lattice.share(slot));
-            let by = self.optics.scattered(number);
-            let product = |a: usize, b: usize| -> f32 {
-                let pairs = reversed[row(a)].iter().zip(&state.field.moments[row(b)]);
-                pairs.zip(by).map(|((a, b), by)| a * b * by).sum()
+            let (by, row) = (self.optics.scattered(number), self.optics.row(number));
+            let four = |moments| -> [&[f32]; 4] {
+                let all: &[f32] = moments;
+                std::array::from_fn(|m| &all[(slot * 4 + m) * count..][..count])
             };
+            let (back, light) = (four(&reversed), four(&state.field.moments));
+            let (unscaled, stopped) = (state.unscaled[slot], state.stopped[slot]);
             let mut values = by_scaled.map(|value| self.optics.delta_m_scaling(number) * value);
-            values[0] += (0..4).map(|m| product(m, m)).sum::<f32>();
-            (1..4).for_each(|m| values[m] += product(0, m) + product(m, 0));
-            let values = values.map(|value| share * value);
-            self.lattice.spread_coefficients(&mut derivative.extinction, slot, values);
-            let turned = turned(slot);
-            for (m, sum) in by_stopped[slot].iter_mut().enumerate() {
-                let pairs = reversed[row(m)].iter().zip(&turned);
-                *sum = share * pairs.map(|(a, b)| a * b).sum::<f32>();
+            let into = &mut by_scattered[row * count..][..count];
+            for (h, into) in into.iter_mut().enumerate() {
+                // Product of the adjoint radiance and the light scattered per unit of each
+                // coefficient of the extinction.
+                let mut products = [(0..4).map(|m| back[m][h] * light[m][h]).sum::<f32>(); 4];
+                (1..4).for_each(|m| {
+                    products[m] = back[0][h] * light[m][h] + back[m][h] * light[0][h];
+                });
+                let mut scattered = 0.0;
+                for m in 0..4 {
+                    values[m] += by[h] * products[m];
+                    by_stopped[slot][m] += share * back[m][h] * by[h] * sun[h];
+                    scattered += unscaled[m] * products[m] + stopped[m] * back[m][h] * sun[h];
+                }
+                *into += share * scattered;
             }
+            let values = values.map(|value| share * value);
+            self.lattice.spread_coefficients(&mut medium.extinction, slot, values);
+            let by_scaling = by_scaled.iter().zip(unscaled).map(|(a, b)| share * a * b);
+            medium.scaling[row] += f64::from(by_scaling.sum::<f32>());
         }
-        let Derivative { extinction, sun_depths, on_surface, .. } = &mut derivative;
-        self.surroundings.spread_shade(&rays, &state.shade, &on_surface.shade, extinction);
+        self.surroundings.spread_shade(&rays, &state.shade, &on_surface.shade, medium);
+        let extinction = &mut medium.extinction;
         rays.spread_stopped(&state.sun_depths, &by_stopped, extinction, sun_depths);
-        rays.spread_sun_depths(self.scene.sun.towards(), sun_depths, extinction);
-        (derivative.extinction, adjoint)
+        rays.spread_sun_depths(self.scene.sun.towards(), sun_depths, medium);
+        let (grid, scattering) = (self.scene.medium.extinction.grid, &self.scene.medium.scattering);
+        let by_radius = self.optics.by_effective_radius(
+            scattering,
+            &grid,
+            &self.lattice,
+            medium,
+            &by_scattered,
+        );
+        let volume = |by_voxel: &[f64]| {
+            let values = by_voxel.iter().map(|value| *value as f32).collect();
+            Volume::new(grid, Array3::from_shape_vec(grid.shape, values).expect("matching shape"))
+        };
+        let derivatives = Derivatives {
+            extinction: volume(&medium.extinction)?,
+            effective_radius: volume(&by_radius)?,
+        };
+        Ok((derivatives, adjoint))
     }
 
     /// Adjoint radiance that enters through the faces, by octant, because the cameras see the light
@@ -95,13 +183,14 @@ impl OrdinatesModel {
         self.quadrature.octants.par_iter().map(thrown).collect()
     }
 
-    /// Derivative of the radiances seen by the cameras at fixed diffuse radiance, and derivative
-    /// with respect to the moments of this radiance.
-    fn seen(&self, state: &State, weights: &ViewStack) -> (Derivative, Vec<f32>) {
+    /// Derivative of the radiances seen by the cameras at fixed diffuse radiance, and derivatives
+    /// with respect to the moments of this radiance, `[slot][4][harmonic]`, and to the scattered
+    /// light over extinction, `[row][harmonic]`.
+    fn seen(&self, state: &State, weights: &ViewStack) -> (Derivative, Vec<f32>, Vec<f32>) {
         let camera = self.camera(state);
         let (slots, count) = (self.lattice.len(), self.quadrature.harmonics);
         let irradiance = self.scene.sun.irradiance;
-        let nothing = || Derivative::new(state.extinction.len(), slots, state.on_surface());
+        let nothing = || Derivative::new(&camera.rays, state.on_surface());
         let mut parts: Vec<_> = (0..PARTS).map(|_| nothing()).collect();
         let mut by_moments = vec![0.0; slots * 4 * count];
         for pieces in self.weighted(weights).chunks(PARTS) {
@@ -121,24 +210,33 @@ impl OrdinatesModel {
             let cells = by_moments.par_chunks_mut(count).enumerate();
             cells.for_each(|(row, into)| {
                 let (slot, m) = (row / 4, row % 4);
-                let by = self.optics.scattered(self.lattice.owner(slot));
                 for (part, harmonics) in parts.iter().zip(&harmonics) {
                     let scattered = part.scattered[slot][m];
-                    for ((sum, y), s) in into.iter_mut().zip(harmonics).zip(by) {
-                        *sum += scattered * y * s;
-                    }
+                    into.iter_mut().zip(harmonics).for_each(|(sum, y)| *sum += scattered * y);
                 }
             });
         }
+        // So far, the derivative with respect to the moments of the light scattered per extinction.
+        let mut by_scattered = vec![0.0; self.optics.rows() * count];
+        for (number, by_moments) in by_moments.chunks_exact_mut(count).enumerate() {
+            let voxel = self.lattice.owner(number / 4);
+            let into = &mut by_scattered[self.optics.row(voxel) * count..][..count];
+            let moments = &state.field.moments[number * count..][..count];
+            let optics = self.optics.scattered(voxel).iter();
+            for (h, (by_moment, scattered)) in by_moments.iter_mut().zip(optics).enumerate() {
+                into[h] += *by_moment * moments[h];
+                *by_moment *= scattered;
+            }
+        }
         let mut sum = nothing();
         for part in &parts {
-            add_all(&mut sum.extinction, std::slice::from_ref(&part.extinction));
+            sum.medium.add(&part.medium);
             let (into, part_of) = (&mut sum.on_surface, &part.on_surface);
             add_all(&mut into.shade, std::slice::from_ref(&part_of.shade));
             add_all(&mut into.irradiance, std::slice::from_ref(&part_of.irradiance));
             add_rows(&mut sum.sun_depths, &part.sun_depths);
         }
-        (sum, by_moments)
+        (sum, by_moments, by_scattered)
     }
 
     /// Pixels with a weight, in pieces of tiles: in an inversion the many pixels beside the cloud

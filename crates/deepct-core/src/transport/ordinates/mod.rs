@@ -25,6 +25,7 @@ mod surroundings;
 mod sweep;
 mod tangent;
 
+pub use derivative::Derivatives;
 pub use settings::OrdinatesSettings;
 
 use super::{Progress, Watch, check_scene, check_sizes, warnings};
@@ -33,6 +34,7 @@ use crate::grid::{Mask, Volume};
 use crate::image::ViewStack;
 use crate::math::DVec3;
 use crate::memory;
+use crate::optics::{Medium, Scattering};
 use crate::scene::{Boundary, Scene, View};
 use crate::stop::Stop;
 use beam::{Rays, cubature};
@@ -40,7 +42,7 @@ use camera::{Camera, Tile, tiles};
 use diffuse::{Field, Origin, Transport};
 use lattice::Lattice;
 use ndarray::Array3;
-use optics::Optics;
+use optics::{Functions, Optics};
 use quadrature::{Octant, Quadrature, first_harmonics};
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -62,6 +64,8 @@ pub struct OrdinatesModel {
     settings: OrdinatesSettings,
     lattice: Lattice,
     optics: Optics,
+    /// The phase functions that may occur in the optics.
+    functions: Functions,
     surroundings: Surroundings,
     /// Optical depth of the molecular atmosphere towards the Sun, by cell.
     air_depths: Vec<f32>,
@@ -83,6 +87,8 @@ struct State {
     unscaled: Vec<[f32; 4]>,
     scaled: Vec<[f32; 4]>,
     sun_depths: Vec<[f32; 8]>,
+    /// Mean and slopes of the sunlight removed from the beam in each cell.
+    stopped: Vec<[f32; 4]>,
     /// Share of the direct sunlight that the cloud blocks, by point of the surface.
     shade: Vec<f32>,
     /// Radiance that enters through the faces from outside, by octant.
@@ -100,7 +106,7 @@ impl State {
 
 impl OrdinatesModel {
     /// Model of the images of `scene` for `views`. The medium of the scene specifies the grid and
-    /// the scattering; its extinction may be replaced. Empty voxels remain empty, unless `mask`
+    /// the scattering; its extinction and effective radii may be replaced. Empty voxels remain empty, unless `mask`
     /// marks them as voxels that may contain cloud.
     ///
     /// # Errors
@@ -134,7 +140,7 @@ impl OrdinatesModel {
             active.then(|| settings.largest_extinction.map_or(own, |most| own.max(most as f32)))
         };
         let quadrature = Quadrature::new(settings.zenith_angles);
-        let scaling = optics::delta_m_scaling(&medium.scattering, settings.zenith_angles);
+        let scaling = optics::delta_m_scaling(&medium.scattering, quadrature.degrees);
         let parts = |extinction: f32| parts(scaling * f64::from(extinction), scene, settings);
         let lattice = Lattice::new(grid, medium.interpolation, scene.boundary, prepared, parts);
         memory::check(
@@ -153,7 +159,8 @@ impl OrdinatesModel {
             scaling * f64::from(active.prepared) * lattice.longest_side(active.parts)
         });
         let thickest_cell = depths.fold(0.0, f64::max);
-        let optics = Optics::new(&medium.scattering, grid, &lattice, &quadrature);
+        let functions = Functions::new(&medium.scattering, &quadrature);
+        let optics = Optics::new(&medium.scattering, grid, &lattice, &quadrature, &functions);
         let surroundings = Surroundings::new(scene, &lattice, &quadrature)?;
         let middle = |slot| lattice.point(slot, DVec3::splat(0.5)).z;
         let air_depths =
@@ -168,6 +175,7 @@ impl OrdinatesModel {
             air_depths,
             lattice,
             optics,
+            functions,
             quadrature,
             cubature,
             thickest_cell,
@@ -269,12 +277,48 @@ impl OrdinatesModel {
     }
 
     /// Radiance (1/sr for a Sun of unit irradiance) for an extinction (1/km), averaged over the
-    /// area of each pixel.
+    /// area of each pixel. The effective radii are those of the last [`Self::images_of_droplets`],
+    /// or of the scene.
     ///
     /// # Errors
     /// Fails if the extinction is on another grid, negative or not finite.
     pub fn images(&mut self, extinction: &Volume) -> Result<ViewStack> {
         self.watched(extinction, &())
+    }
+
+    /// [`Self::images`] for an extinction (1/km) and an effective radius (um) of each voxel, which
+    /// replaces that of the scene from now on.
+    ///
+    /// # Errors
+    /// Fails if the scattering of the scene does not depend on the effective radius, if one of both
+    /// is on another grid, negative or not finite, or if the effective radius of a voxel with
+    /// extinction is beyond the table of the droplet optics.
+    pub fn images_of_droplets(
+        &mut self,
+        extinction: &Volume,
+        effective_radius: &Volume,
+    ) -> Result<ViewStack> {
+        let medium = &self.scene.medium;
+        let grid = medium.extinction.grid;
+        let Scattering::Droplets { effective_radius: before, table } = &medium.scattering else {
+            return Err(Error::out_of_range(
+                "scattering of the scene",
+                "uniform",
+                "that of droplets, if effective radii are given",
+            ));
+        };
+        grid.check_same("the extinction", &extinction.grid)?;
+        grid.check_same("the effective radius", &effective_radius.grid)?;
+        effective_radius.check_non_negative("effective radius")?;
+        if *before != effective_radius.values {
+            let radii = effective_radius.values.clone();
+            let Medium { scattering, .. } =
+                Medium::of_droplets(extinction.clone(), radii, table.clone())?;
+            self.optics =
+                Optics::new(&scattering, &grid, &self.lattice, &self.quadrature, &self.functions);
+            self.scene.medium.scattering = scattering;
+        }
+        self.images(extinction)
     }
 
     /// [`Self::images`] with a progress callback, which may stop the computation.
@@ -318,9 +362,18 @@ impl OrdinatesModel {
     /// voxel (km), at the extinction of the last [`Self::images`]; zero where the model is empty.
     ///
     /// # Errors
+    /// As [`Self::derivatives`].
+    pub fn gradient(&mut self, weights: &ViewStack) -> Result<Volume> {
+        Ok(self.derivatives(weights)?.extinction)
+    }
+
+    /// Derivatives of the sum of `weights` times the images with respect to the extinction and the
+    /// effective radius of each voxel, at those of the last images.
+    ///
+    /// # Errors
     /// Fails if the weights do not have the shape of the images, or if no images have been
     /// computed.
-    pub fn gradient(&mut self, weights: &ViewStack) -> Result<Volume> {
+    pub fn derivatives(&mut self, weights: &ViewStack) -> Result<Derivatives> {
         let [rows, cols] = [self.views[0].rows, self.views[0].cols];
         let expected = [self.views.len(), rows, cols];
         if weights.shape() != expected {
@@ -334,12 +387,10 @@ impl OrdinatesModel {
         let Some(state) = self.state.as_ref() else {
             return Err(Error::out_of_range("images", "missing", "computed before the gradient"));
         };
-        let (by_voxel, adjoint) = self.differentiate(state, weights);
+        let (derivatives, adjoint) = self.differentiate(state, weights)?;
         self.check_stop()?;
         self.adjoint = Some(adjoint);
-        let grid = self.scene.medium.extinction.grid;
-        let values = by_voxel.into_iter().map(|value| value as f32).collect();
-        Volume::new(grid, Array3::from_shape_vec(grid.shape, values).expect("matching shape"))
+        Ok(derivatives)
     }
 
     /// Pixels of a tile that are computed.
@@ -425,8 +476,8 @@ impl OrdinatesModel {
             true => Vec::new(),
             false => self.quadrature.octants.par_iter().map(incoming).collect(),
         };
-        let stopped = rays.stopped(&sun_depths);
-        let first = self.first(&stopped);
+        let beam = rays.stopped(&sun_depths);
+        let first = self.first(&beam);
         let transport = self.transport(rays, &unscaled, &scaled);
         let start =
             self.state.as_ref().map_or_else(|| transport.dark(), |state| state.field.clone());
@@ -442,8 +493,17 @@ impl OrdinatesModel {
         let (field, sweeps) = transport.solve(origin, start, tolerance, most_sweeps, &go_on);
         let stopped = watch.interrupted();
         (self.sweeps, self.converged) = (sweeps, sweeps < most_sweeps && !stopped);
-        self.state =
-            Some(State { extinction, unscaled, scaled, sun_depths, shade, outside, first, field });
+        self.state = Some(State {
+            extinction,
+            unscaled,
+            scaled,
+            sun_depths,
+            stopped: beam,
+            shade,
+            outside,
+            first,
+            field,
+        });
     }
 }
 

@@ -5,12 +5,15 @@
 //! Tanaka 1988).
 
 use super::broadened::{Broadened, LEVELS, place};
+use super::derivative::ByMedium;
 use super::lattice::{Lattice, index};
-use super::quadrature::{Quadrature, degrees, degrees_of};
+use super::quadrature::{Quadrature, degrees};
 use crate::grid::Grid;
 use crate::optics::{PhaseFunction, Scattering};
 use rayon::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};
+use std::ops::Range;
+use std::sync::{Arc, OnceLock};
 
 /// Largest spacing of the angles between which changes of single scattering are interpolated
 /// linearly (radians).
@@ -37,20 +40,61 @@ impl Changes {
     }
 }
 
+/// A phase function with what the solver needs of it.
+#[derive(Debug)]
+struct Function {
+    /// Index in [`Scattering::phase_functions`].
+    node: usize,
+    phase_function: PhaseFunction,
+    /// Effect of the forward peak on single scattering.
+    broadened: Broadened,
+    /// Legendre moments, of which the last one is the fraction of the forward peak.
+    moments: Vec<f64>,
+}
+
+/// The phase functions of a medium, each of which is prepared when it first occurs in a cell.
+#[derive(Debug)]
+pub(super) struct Functions {
+    degrees: usize,
+    prepared: Vec<(PhaseFunction, OnceLock<Arc<Function>>)>,
+}
+
+impl Functions {
+    pub(super) fn new(scattering: &Scattering, quadrature: &Quadrature) -> Self {
+        let all = scattering.phase_functions().into_iter();
+        let prepared = all.map(|function| (function.clone(), OnceLock::new())).collect();
+        Self { degrees: quadrature.degrees, prepared }
+    }
+
+    fn prepare(&self, node: usize) -> Arc<Function> {
+        let (phase_function, prepared) = &self.prepared[node];
+        let prepare = || {
+            let (broadened, moments) = Broadened::new(phase_function, self.degrees);
+            Arc::new(Function { node, phase_function: phase_function.clone(), broadened, moments })
+        };
+        prepared.get_or_init(prepare).clone()
+    }
+}
+
 /// Optical properties by active voxel; a uniform medium has a single row for all voxels.
 #[derive(Debug)]
 pub(super) struct Optics {
     harmonics: usize,
+    /// Delta-M scaling factor of droplets of intermediate size.
+    pub(super) typical_scaling: f64,
     /// Scattered light over extinction, `[row][harmonic]`, without the forward peak.
     scattered: Vec<f32>,
     /// Delta-M scaling factor (extinction without the forward peak over extinction), by row.
     scaling: Vec<f32>,
-    /// Phase functions that occur in some cell, and the effect of the forward peak on each.
-    phase_functions: Vec<(PhaseFunction, Broadened)>,
+    /// Phase functions that occur in some cell.
+    functions: Vec<Arc<Function>>,
     /// Optical depth of the forward peak over the delta-M scaled optical depth, by row.
     by_peak: Vec<f64>,
-    /// Indices of the phase functions, and share of the extinction that each scatters, by row.
-    shares: Vec<Vec<(usize, f64)>>,
+    /// Indices of the phase functions, and share of the extinction that each scatters, row after
+    /// row.
+    shares: Vec<(usize, f64)>,
+    /// First element of each row in `shares`, and their number.
+    starts: Vec<usize>,
 }
 
 impl Optics {
@@ -59,6 +103,7 @@ impl Optics {
         voxels: &Grid,
         lattice: &Lattice,
         quadrature: &Quadrature,
+        functions: &Functions,
     ) -> Self {
         let rows = match scattering {
             Scattering::Uniform { .. } => lattice.active().len().min(1),
@@ -68,29 +113,35 @@ impl Optics {
             let corners = lattice.voxels_of(row);
             let mut shares = BTreeMap::new();
             for voxel in corners {
-                for (number, share) in scattering.shares(index(voxels, *voxel as usize)) {
-                    *shares.entry(number).or_insert(0.0) += share / corners.len() as f64;
+                let place = index(voxels, *voxel as usize);
+                let slopes = scattering.share_derivatives(place);
+                // At a node of the table, the share of the next one is 0 but may increase.
+                for ((number, share), (_, slope)) in
+                    scattering.shares(place).into_iter().zip(slopes)
+                {
+                    if share > 0.0 || slope != 0.0 {
+                        *shares.entry(number).or_insert(0.0) += share / corners.len() as f64;
+                    }
                 }
             }
-            shares.into_iter().filter(|(_, share)| *share > 0.0).collect::<Vec<_>>()
+            shares.into_iter().collect::<Vec<(usize, f64)>>()
         };
-        let mut shares: Vec<_> = (0..rows).map(of_voxels).collect();
-        let used: BTreeSet<usize> = shares.iter().flatten().map(|(number, _)| *number).collect();
+        let rows: Vec<_> = (0..rows).map(of_voxels).collect();
+        let used: BTreeSet<usize> = rows.iter().flatten().map(|(number, _)| *number).collect();
         let used: Vec<usize> = used.into_iter().collect();
-        for (number, _) in shares.iter_mut().flatten() {
-            *number = used.partition_point(|other| other < number);
+        let functions: Vec<_> = used.par_iter().map(|node| functions.prepare(*node)).collect();
+        let (mut shares, mut starts) = (Vec::new(), vec![0]);
+        for row in rows {
+            let numbered = |(node, share)| (used.partition_point(|other| *other < node), share);
+            shares.extend(row.into_iter().map(numbered));
+            starts.push(shares.len());
         }
         let (harmonics, count) = (quadrature.harmonics, quadrature.degrees);
-        let all = scattering.phase_functions();
-        let broaden = |number: &usize| {
-            let (broadened, moments) = Broadened::new(all[*number], count);
-            ((all[*number].clone(), broadened), moments)
-        };
-        let (phase_functions, moments): (Vec<_>, Vec<_>) = used.par_iter().map(broaden).unzip();
         let (mut scattered, mut scaling, mut by_peak) = (Vec::new(), Vec::new(), Vec::new());
-        for row in &shares {
+        for ends in starts.windows(2) {
+            let row = &shares[ends[0]..ends[1]];
             let moment = |degree: usize| -> f64 {
-                row.iter().map(|(number, share)| share * moments[*number][degree]).sum()
+                row.iter().map(|(number, share)| share * functions[*number].moments[degree]).sum()
             };
             let peak = moment(count);
             let low: Vec<f32> = (0..=count).map(|degree| (moment(degree) - peak) as f32).collect();
@@ -98,7 +149,18 @@ impl Optics {
             by_peak.push(peak / (1.0 - peak));
             scattered.extend(degrees(harmonics).map(|degree| low[degree]));
         }
-        Self { harmonics, scattered, scaling, phase_functions, by_peak, shares }
+        let typical_scaling = delta_m_scaling(scattering, count);
+        Self { harmonics, typical_scaling, scattered, scaling, functions, by_peak, shares, starts }
+    }
+
+    /// Number of rows.
+    pub(super) fn rows(&self) -> usize {
+        self.scaling.len()
+    }
+
+    /// Number of pairs of a row and a phase function that occurs in it.
+    pub(super) fn pairs(&self) -> usize {
+        self.shares.len()
     }
 
     /// Scattered light over extinction, by harmonic.
@@ -121,7 +183,7 @@ impl Optics {
         let values = (0..=steps)
             .map(|node| {
                 let cosine = -(least + node as f64 * step).cos();
-                self.phase_functions.iter().map(|(_, b)| b.change(cosine)).collect()
+                self.functions.iter().map(|function| function.broadened.change(cosine)).collect()
             })
             .collect();
         Changes { least, step, values }
@@ -131,10 +193,10 @@ impl Optics {
     pub(super) fn densities(&self, cosine: f64, changes: &Changes, into: &mut Vec<[f64; LEVELS]>) {
         let (node, part) = changes.place(cosine);
         let [below, above] = [&changes.values[node], &changes.values[node + 1]];
-        let functions = self.phase_functions.iter().zip(below).zip(above);
+        let functions = self.functions.iter().zip(below).zip(above);
         into.clear();
-        into.extend(functions.map(|(((function, _), below), above)| {
-            let density = function.density(cosine);
+        into.extend(functions.map(|((function, below), above)| {
+            let density = function.phase_function.density(cosine);
             let change = |level: usize| (1.0 - part) * below[level] + part * above[level];
             std::array::from_fn(|level| density + change(level))
         }));
@@ -154,7 +216,7 @@ impl Optics {
         let by_peak = self.by_peak[row];
         let (level, part, slope) = place(by_peak * depth);
         let (mut value, mut change) = (0.0, 0.0);
-        for (number, share) in &self.shares[row] {
+        for (number, share) in &self.shares[self.pairs_of(row)] {
             let [below, above] = [densities[*number][level], densities[*number][level + 1]];
             value += share * ((1.0 - part) * below + part * above);
             change += share * (above - below);
@@ -162,17 +224,84 @@ impl Optics {
         (value, change * slope * by_peak)
     }
 
-    fn row(&self, number: usize) -> usize {
+    /// Add `value` times the derivative of [`Optics::density`] with respect to the optics.
+    #[inline]
+    pub(super) fn spread_density(
+        &self,
+        number: usize,
+        densities: &[[f64; LEVELS]],
+        depth: f64,
+        value: f64,
+        into: &mut ByMedium,
+    ) {
+        let row = self.row(number);
+        let (level, part, slope) = place(self.by_peak[row] * depth);
+        let mut change = 0.0;
+        for pair in self.pairs_of(row) {
+            let (number, share) = self.shares[pair];
+            let [below, above] = [densities[number][level], densities[number][level + 1]];
+            into.shares[pair] += value * ((1.0 - part) * below + part * above);
+            change += share * (above - below);
+        }
+        into.by_peak[row] += value * change * slope * depth;
+    }
+
+    /// Derivative with respect to the effective radius of each voxel (1/um), from those with
+    /// respect to the medium and to the scattered light over extinction, `[row][harmonic]`.
+    pub(super) fn by_effective_radius(
+        &self,
+        scattering: &Scattering,
+        voxels: &Grid,
+        lattice: &Lattice,
+        by: &ByMedium,
+        by_scattered: &[f32],
+    ) -> Vec<f64> {
+        let mut derivative = vec![0.0; voxels.len()];
+        let Scattering::Droplets { .. } = scattering else { return derivative };
+        for (row, by_scattered) in by_scattered.chunks_exact(self.harmonics).enumerate() {
+            let scaling = f64::from(self.scaling[row]);
+            let by_fraction = by.by_peak[row] / (scaling * scaling) - by.scaling[row];
+            let pairs = self.pairs_of(row);
+            let by_share = |pair: usize| -> f64 {
+                let moments = &self.functions[self.shares[pair].0].moments;
+                let peak = moments[moments.len() - 1];
+                let diffuse = degrees(self.harmonics).zip(by_scattered);
+                by.shares[pair]
+                    + by_fraction * peak
+                    + diffuse.map(|(l, by)| (moments[l] - peak) * f64::from(*by)).sum::<f64>()
+            };
+            let by_shares: Vec<f64> = pairs.clone().map(by_share).collect();
+            let corners = lattice.voxels_of(row);
+            for &voxel in corners {
+                let slopes = scattering.share_derivatives(index(voxels, voxel as usize));
+                for (pair, by_share) in pairs.clone().zip(&by_shares) {
+                    let node = self.functions[self.shares[pair].0].node;
+                    let slopes = slopes.iter().filter(|(number, _)| *number == node);
+                    let slope: f64 = slopes.map(|(_, slope)| slope).sum();
+                    derivative[voxel as usize] += slope * by_share / corners.len() as f64;
+                }
+            }
+        }
+        derivative
+    }
+
+    /// The row of an active voxel.
+    #[inline]
+    pub(super) fn row(&self, number: usize) -> usize {
         if self.scaling.len() == 1 { 0 } else { number }
+    }
+
+    #[inline]
+    fn pairs_of(&self, row: usize) -> Range<usize> {
+        self.starts[row]..self.starts[row + 1]
     }
 }
 
 /// The effective radius (um) of droplets of intermediate size.
 const INTERMEDIATE: f64 = 5.0;
 
-/// Delta-M scaling factor, for droplets of intermediate size.
-pub(super) fn delta_m_scaling(scattering: &Scattering, zenith_angles: usize) -> f64 {
-    let degrees = degrees_of(zenith_angles);
+/// Delta-M scaling factor, for droplets of intermediate size, with the moments below `degrees`.
+pub(super) fn delta_m_scaling(scattering: &Scattering, degrees: usize) -> f64 {
     let (albedo, phase_function) = match scattering {
         Scattering::Uniform { single_scattering_albedo, phase_function } => {
             (*single_scattering_albedo, phase_function)

@@ -1,6 +1,7 @@
 //! Tests of the parts of the solver: transposes by dot products, and analytic radiances.
 
 use super::beam::{spread_sun_depth, sun_depth};
+use super::derivative::ByMedium;
 use super::tests::{bare, cloud, grid, model};
 use super::*;
 use crate::math::towards;
@@ -84,10 +85,13 @@ fn depths_towards_the_sun_have_their_transpose() {
             depths.iter().map(|_| std::array::from_fn(|_| rng.random_range(-1.0..1.0))).collect();
         let pairs = depths.as_flattened().iter().zip(weights.as_flattened());
         let forward: f64 = pairs.map(|(a, b)| f64::from(*a) * f64::from(*b)).sum();
-        let mut spread = vec![0.0; extinction.len()];
+        let mut spread = ByMedium::new(&rays);
         rays.spread_sun_depths(sun, &weights, &mut spread);
         let voxels: Vec<f64> = extinction.iter().map(|value| f64::from(*value)).collect();
-        assert_transposed("depths", forward, dot(&spread, &voxels));
+        assert_transposed("depths", forward, dot(&spread.extinction, &voxels));
+        // They are also linear in the delta-M scaling factor, the same in all voxels.
+        let scaling = f64::from(rays.optics.delta_m_scaling(0));
+        assert_transposed("scaling", forward, scaling * spread.scaling[0]);
     }
 }
 

@@ -9,7 +9,8 @@
 
 mod tangent;
 
-use super::beam::{PARTS, Rays, add_all};
+use super::beam::{PARTS, Rays};
+use super::derivative::ByMedium;
 use super::lattice::Lattice;
 use super::quadrature::{Octant, Quadrature, gauss_legendre};
 use super::sky::Sky;
@@ -170,11 +171,11 @@ impl Surroundings {
         rays: &Rays,
         shade: &[f32],
         values: &[f64],
-        into: &mut [f64],
+        into: &mut ByMedium,
     ) {
         let size = values.len().div_ceil(PARTS).max(1);
         let part = |(part, values): (usize, &[f64])| {
-            let mut sums = vec![0.0; into.len()];
+            let mut sums = ByMedium::new(rays);
             for (number, value) in values.iter().enumerate().filter(|(_, value)| **value != 0.0) {
                 let point = part * size + number;
                 let ray = Ray { origin: self.shadow.point(point), direction: self.sun };
@@ -183,7 +184,7 @@ impl Surroundings {
             sums
         };
         let parts: Vec<_> = values.par_chunks(size).enumerate().map(part).collect();
-        add_all(into, &parts);
+        parts.iter().for_each(|part| into.add(part));
     }
 
     /// Average the shade around each point, because the faces of voxels are wider than the spacing

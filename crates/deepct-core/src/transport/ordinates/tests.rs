@@ -5,8 +5,10 @@ use crate::grid::Grid;
 use crate::math::{DVec3, towards};
 use crate::optics::air::Air;
 use crate::optics::{DropletSettings, DropletTable, Interpolation, Medium, PhaseFunction};
+use crate::rng::{Purpose, RngExt, stream};
 use crate::scene::{Boundary, Sun, Surface, View};
 use crate::transport::{MonteCarloSettings, Solver, render};
+use std::sync::Arc;
 
 /// Tolerance of the solver in these tests.
 const TOLERANCE: f64 = 1e-6;
@@ -125,6 +127,110 @@ fn derivatives_are_central_differences() {
             }
         }
     }
+}
+
+/// Effective radii between the nodes of [`table_of`], at least 0.3 um from each (um).
+fn radii() -> Volume {
+    let values = Array3::from_shape_fn(grid().shape, |(k, j, i)| {
+        let part = ((7 * k + 3 * j + 5 * i) % 11) as f32 / 10.0;
+        if (k + i) % 3 == 0 { 4.5 + 3.0 * part } else { 8.5 + 6.0 * part }
+    });
+    Volume::new(grid(), values).unwrap()
+}
+
+fn table_of(wavelength: f64) -> Arc<DropletTable> {
+    let settings = DropletSettings::water(wavelength);
+    Arc::new(DropletTable::mie(&settings, &[4.0, 8.0, 16.0]).unwrap())
+}
+
+/// Central differences in eight voxels, among those with a derivative that is not close to zero, and
+/// in four random directions, for thin and thick clouds in visible and in absorbed light.
+#[test]
+fn derivatives_by_effective_radius_are_central_differences() {
+    const STEP: f32 = 0.25;
+    for (wavelength, boundary, interpolation) in [
+        (0.672, Boundary::Open, Interpolation::Constant),
+        (1.6, Boundary::Periodic, Interpolation::Trilinear),
+        (2.13, Boundary::Open, Interpolation::Constant),
+    ] {
+        let table = table_of(wavelength);
+        for peak in [3.0, 100.0] {
+            let extinction = cloud(peak);
+            let droplets = |radii: &Volume| {
+                Medium::of_droplets(extinction.clone(), radii.values.clone(), table.clone())
+            };
+            let mut model = model(&extinction, interpolation, boundary);
+            let medium = droplets(&radii()).unwrap().with_interpolation(interpolation);
+            let scene = Scene { medium, ..model.scene.clone() };
+            let settings = model.settings;
+            model = OrdinatesModel::new(&scene, &model.views, None, &settings).unwrap();
+            let images = model.images(&extinction).unwrap();
+            let weights = weights(&images);
+            let gradient = model.derivatives(&weights).unwrap().effective_radius;
+            let mut random = stream(5, Purpose::Validation, &[]);
+            let squares: f32 = gradient.values.iter().map(|slope| slope * slope).sum();
+            let least = 0.25 * (squares / gradient.values.len() as f32).sqrt();
+            let sloping: Vec<_> =
+                gradient.values.indexed_iter().filter(|(_, slope)| slope.abs() > least).collect();
+            let single = (0..8).map(|_| {
+                let mut direction = Array3::zeros(gradient.values.raw_dim());
+                direction[sloping[random.random_range(0..sloping.len())].0] = STEP;
+                direction
+            });
+            let mut directions: Vec<Array3<f32>> = single.collect();
+            directions.extend(
+                (0..4).map(|_| gradient.values.mapv(|_| STEP * random.random_range(-1.0_f32..1.0))),
+            );
+            let all: f64 = images.values.iter().map(|value| f64::from(*value)).sum();
+            for (number, direction) in directions.iter().enumerate() {
+                let mut moved = |sign: f32| {
+                    let values = &radii().values + &(sign * direction);
+                    let radii = Volume::new(grid(), values).unwrap();
+                    // All solutions start from the dark, so that their errors are similar.
+                    model.forget();
+                    weighted(&model.images_of_droplets(&extinction, &radii).unwrap(), &weights)
+                };
+                let difference = 0.5 * (moved(1.0) - moved(-1.0));
+                let along = &gradient.values * direction;
+                let derivative: f64 = along.iter().map(|value| f64::from(*value)).sum();
+                let noise = 0.1 * TOLERANCE * all;
+                assert!(
+                    (derivative - difference).abs() < 0.01 * difference.abs() + noise,
+                    "{wavelength} {boundary:?} {interpolation:?} {peak} {number}: {derivative} \
+                     {difference} {noise}"
+                );
+            }
+        }
+    }
+}
+
+/// Radii that are replaced give the images and derivatives of a model that was made with them.
+#[test]
+fn replaced_radii_are_those_of_the_scene() {
+    let extinction = cloud(30.0);
+    let table = table_of(2.13);
+    let scene = |radii: &Volume| {
+        let medium = Medium::of_droplets(extinction.clone(), radii.values.clone(), table.clone());
+        Scene::new(medium.unwrap(), Sun::default(), Surface::BLACK).unwrap()
+    };
+    let views = [View::orthographic(towards(0.6, 1.0), grid().center(), 0.06, [6, 5]).unwrap()];
+    let make = |radii: &Volume| {
+        OrdinatesModel::new(&scene(radii), &views, None, &Default::default()).unwrap()
+    };
+    let mut model = make(&Volume::constant(grid(), 12.0));
+    let found = model.images_of_droplets(&extinction, &radii()).unwrap();
+    let mut fresh = make(&radii());
+    assert_eq!(found, fresh.images(&extinction).unwrap());
+    let weights = weights(&found);
+    assert_eq!(model.derivatives(&weights).unwrap(), fresh.derivatives(&weights).unwrap());
+    let beyond = model.images_of_droplets(&extinction, &Volume::constant(grid(), 17.0));
+    assert!(beyond.unwrap_err().to_string().contains("16 um"));
+    model.forget();
+    assert_eq!(model.images(&extinction).unwrap(), found);
+    let mut uniform =
+        OrdinatesModel::new(&bare(&extinction, 0.8), &views, None, &Default::default());
+    let refused = uniform.as_mut().unwrap().images_of_droplets(&extinction, &radii());
+    assert!(refused.unwrap_err().to_string().contains("uniform"));
 }
 
 /// Compares the mean of each image with that of the Monte Carlo solver.
@@ -337,6 +443,47 @@ fn the_light_of_a_small_cloud_is_that_of_photon_paths() {
             (found - signal).abs() < 0.015 * signal + 3.0 * noise && noise < 0.01 * signal,
             "view {view}: {found} {signal} +- {noise}"
         );
+    }
+}
+
+/// The cloud signal by view of a cloud in absorbed light, whose droplets grow from its base to its top.
+#[test]
+fn the_light_that_droplets_absorb_is_that_of_photon_paths() {
+    let grid =
+        Grid::new(DVec3::new(0.0, 0.0, 0.6), DVec3::new(0.05, 0.05, 0.04), [6, 8, 8]).unwrap();
+    let inside = |k: usize, j: usize, i: usize| {
+        let at = (grid.voxel_center([k, j, i]) - grid.center()) / grid.extent();
+        at.length() < 0.48
+    };
+    let extinction = Array3::from_shape_fn(grid.shape, |(k, j, i)| {
+        if inside(k, j, i) { 30.0 + 10.0 * ((3 * k + j + 2 * i) % 5) as f32 } else { 0.0 }
+    });
+    let extinction = Volume::new(grid, extinction).unwrap();
+    let radii = Array3::from_shape_fn(grid.shape, |(k, ..)| 6.0 + 2.0 * k as f32);
+    let sun = Sun::default();
+    let views = [DVec3::Z, towards(0.9, 3.0), towards(0.7, 0.5)]
+        .map(|towards| View::orthographic(towards, grid.center(), 0.05, [10, 10]).unwrap());
+    for wavelength in [1.6, 2.13] {
+        let settings = DropletSettings::water(wavelength);
+        let table = Arc::new(DropletTable::mie(&settings, &[6.0, 9.0, 12.0, 16.0]).unwrap());
+        let medium = Medium::of_droplets(extinction.clone(), radii.clone(), table).unwrap();
+        let scene = Scene::new(medium, sun, Surface::BLACK).unwrap();
+        let images = solved(&scene, &views);
+        let settings = MonteCarloSettings { samples_per_pixel: 8000, ..Default::default() };
+        let truth = render(&scene, &views, &Solver::MonteCarlo(settings), &()).unwrap();
+        let error = truth.standard_error.as_ref().unwrap();
+        for view in 0..views.len() {
+            let sum = |stack: &ViewStack| -> f64 {
+                stack.image(view).iter().map(|value| f64::from(*value)).sum()
+            };
+            let variance: f64 = error.image(view).iter().map(|e| f64::from(e * e)).sum();
+            let (found, expected, noise) = (sum(&images), sum(&truth.images), variance.sqrt());
+            assert!(
+                (found - expected).abs() < 0.01 * expected + 2.0 * noise
+                    && noise < 0.005 * expected,
+                "{wavelength}, view {view}: {found} {expected} +- {noise}"
+            );
+        }
     }
 }
 
