@@ -43,7 +43,7 @@ for inputs in (8, 24, 24):
 network = nn.Sequential(*layers, nn.Conv3d(24, 1, 1), nn.Softplus())
 
 optimiser = torch.optim.Adam(network.parameters(), lr=0.02)
-for step in range(70):
+for step in range(100):
     extinction = 30.0 * network(noise)[0, 0] * mask
     misfit = ((seen(extinction) - measured) / error).square().mean()
     optimiser.zero_grad()
