@@ -10,7 +10,7 @@ use deepct_core::io::{self, Provenance};
 use pyo3::exceptions::{PyFileExistsError, PyOSError};
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
-use pyo3::types::{PyDict, PyEllipsis, PyString, PyTuple};
+use pyo3::types::{PyDict, PyEllipsis, PyList, PyString, PyTuple};
 use std::cell::RefCell;
 use std::path::Path;
 
@@ -80,13 +80,33 @@ pub(crate) fn through_field<T>(
     through_file(&ascending(dataset.clone(), "the data set", VOLUME)?, name, read)
 }
 
-/// What `read` reads from a file with the numbers without axes and the attributes of a data set.
-pub(crate) fn through_scalars<T>(
+/// The numbers in files that tell where and when their fields were seen.
+const CIRCUMSTANCES: [&str; 6] =
+    ["time", "light", "sun_zenith_deg", "sun_azimuth_deg", "sun_irradiance", "wavelength"];
+
+/// What `read` reads from a file with the time, the light and the history of a data set; `None` if it has
+/// none of these.
+pub(crate) fn through_circumstances<T>(
     dataset: &Bound<'_, PyAny>,
     read: impl FnOnce(&Path) -> PyResult<T>,
-) -> PyResult<T> {
+) -> PyResult<Option<T>> {
+    let py = dataset.py();
     let axes = dataset.getattr("sizes")?.try_iter()?.collect::<PyResult<Vec<_>>>()?;
-    through_file(&dataset.call_method1("drop_dims", (axes,))?, "", read)
+    let scalars = dataset.call_method1("drop_dims", (axes,))?;
+    let names: Vec<_> = CIRCUMSTANCES
+        .into_iter()
+        .filter_map(|name| scalars.contains(name).map(|has| has.then_some(name)).transpose())
+        .collect::<PyResult<_>>()?;
+    let attributes = PyDict::new(py);
+    if let Ok(history) = dataset.getattr("attrs")?.get_item("history") {
+        attributes.set_item("history", history.str()?)?;
+    }
+    if names.is_empty() && attributes.is_empty() {
+        return Ok(None);
+    }
+    let chosen = scalars.get_item(PyList::new(py, names)?)?;
+    chosen.setattr("attrs", attributes)?;
+    through_file(&chosen, "", read).map(Some)
 }
 
 /// What `read` reads from a file with the contents of a data set of xarray, whose axes are put in order.

@@ -1,7 +1,7 @@
 //! `Light`: the scene illumination, that is, all properties of a scene except the cloud.
 
 use crate::error::{in_python, raise};
-use crate::exchange::{is_dataset, through_file, through_scalars};
+use crate::exchange::{is_dataset, through_circumstances, through_file};
 use crate::number::reals;
 use crate::record::{Record, record};
 use deepct_core::image::ViewStack;
@@ -233,7 +233,7 @@ impl Light {
             return Self::read(&path);
         }
         if is_dataset(object)? {
-            return through_scalars(object, Self::read);
+            return Ok(through_circumstances(object, Self::read)?.flatten());
         }
         let own = object.getattr("light").and_then(|light| Ok(light.extract::<Self>()?));
         Ok(own.ok())

@@ -1,11 +1,11 @@
 //! `Lineage`: the time of a field, and what was done to it before.
 
-use crate::exchange::{is_dataset, through_scalars};
+use crate::exchange::{is_dataset, through_circumstances};
 use crate::record::{Record, record};
 use deepct_core::io::{self, Time};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// The time of a field and its history, which files keep. Objects with equal values are equal whatever their
 /// lineage is.
@@ -101,7 +101,8 @@ impl Lineage {
             return Ok(Self(io::read_lineage(path)));
         }
         if is_dataset(object)? {
-            return through_scalars(object, |path| Ok(Self(io::read_lineage(path))));
+            let read = |path: &Path| Ok(Self(io::read_lineage(path)));
+            return Ok(through_circumstances(object, read)?.unwrap_or_default());
         }
         let own = object.getattr("lineage").and_then(|lineage| Ok(lineage.extract::<Self>()?));
         Ok(own.unwrap_or_default())

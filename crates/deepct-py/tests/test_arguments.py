@@ -232,6 +232,8 @@ def test_messages_name_arguments_of_python(cloud, tmp_path):
         deepct_py.import_cloud(tmp_path / "plain.npy", variable="plain")
     assert 'such as axes="z,y,x", spacing=(0.05, 0.05, 0.04)' in str(caught.value)
     assert "--" not in str(caught.value)
+    with pytest.raises(ValueError, match="^effective_variance is -0.1, but must be"):
+        deepct_py.Light(phase="mie", effective_variance=-0.1)
     images = deepct_py.render(cloud, views="cloudct-10", samples=2).to_xarray()
     with pytest.raises(deepct_py.DeepctError, match="^the data set radiance: sun_zenith_deg: is"):
         deepct_py.sense(images.drop_vars("sun_zenith_deg"))
@@ -256,5 +258,8 @@ def test_options_in_messages_of_the_import_are_arguments_of_python():
         ("see `deepct render --help`", "see `deepct render --help`"),
         ("--air-density FILE:VARIABLE", 'air_density="FILE:VARIABLE"'),
         ("a--b -- c", "a--b -- c"),
+        ("optics.phase is bold", "phase is bold"),
+        ("/data/optics.nc: lwc", "/data/optics.nc: lwc"),
+        ("(`--max-memory`, by default half)", "(by default half)"),
     ]:
         assert in_python(text) == expected

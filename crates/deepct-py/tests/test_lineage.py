@@ -100,6 +100,19 @@ def test_each_stage_adds_a_line(cloud, tmp_path, command_line):
     assert by_file == mask
 
 
+def test_data_sets_of_other_programs_need_no_lineage(cloud):
+    """Attributes that no file can hold are not those of the arrays."""
+    field = deepct_py.Cloud(cloud.grid, extinction=cloud.extinction).to_xarray()[["extinction"]]
+    field.attrs = {"author": None, "steps": {"one": 1}}
+    expected = f"deepct {deepct_py.__version__}: render"
+    images = deepct_py.render(field, views="cloudct-10", samples=2)
+    assert images.lineage == deepct_py.Lineage(history=expected)
+    assert deepct_py.score(cloud, field).relative_error < 1e-6
+    field.attrs["history"] = "made by hand"
+    images = deepct_py.render(field, views="cloudct-10", samples=2)
+    assert images.lineage.history == f"{expected}\nmade by hand"
+
+
 def test_a_lineage_is_kept_but_not_compared(cloud):
     field = deepct_py.Cloud(cloud.grid, extinction=cloud.extinction)
     known = deepct_py.Cloud(cloud.grid, extinction=cloud.extinction, lineage=cloud.lineage)

@@ -1,9 +1,14 @@
-"""Messages of the library in the words of Python: arguments in the place of options of the command line."""
+"""Messages of the library in the words of Python: arguments in the place of options and settings."""
 
 import re
 
 # Parts of messages that name options without a counterpart in Python.
 _WITHOUT_ARGUMENT = re.compile(r"`--max-memory`, |, or use --allow-external if you trust the file")
+# Keys of the light in files of settings, whose keywords have no group.
+_LIGHT = re.compile(
+    r"(?<![\w./])optics\.(extinction|phase|asymmetry|single_scattering_albedo|distribution|bandwidth"
+    r"|effective_variance|effective_radius)\b"
+)
 _IMPORT = re.compile(r"`(?:deepct )?cloud import(?: ([^`]*))?`")
 _FLAGS = ("allow-implausible", "force")
 
@@ -15,9 +20,8 @@ _PART = re.compile(rf"`deepct [^`]*`|{_OPTION.pattern}(?: {_OPTION.pattern})*")
 
 def in_python(text: str) -> str:
     """The text with arguments of Python, such as ``units={"ql": "g/kg"}`` for ``--units ql="g/kg"``."""
-    text = _WITHOUT_ARGUMENT.sub("", text)
-    text = _PART.sub(lambda part: _arguments(part[0]), _IMPORT.sub(_call, text))
-    return text
+    text = _LIGHT.sub(r"\1", _WITHOUT_ARGUMENT.sub("", text))
+    return _PART.sub(lambda part: _arguments(part[0]), _IMPORT.sub(_call, text))
 
 
 def _call(command: "re.Match[str]") -> str:
