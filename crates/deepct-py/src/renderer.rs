@@ -1,8 +1,9 @@
 //! `Renderer`: the images of a scene as a function of the extinction, and its derivatives.
 
-use crate::array::{give, images_in_any_unit, mask, volume};
+use crate::array::{give, images_in_any_unit, volume};
 use crate::compute::{CHECKED, Progress, at_length};
 use crate::error::raise;
+use crate::field;
 use crate::grid::Grid;
 use crate::light::{Light, warn, warn_of_neglected};
 use crate::record::{Record, attributes, record};
@@ -159,7 +160,7 @@ impl Renderer {
         warn_of_neglected(py, &light.core)?;
         let views = views_of(views, &grid.0)?;
         let mask = match mask {
-            Some(values) => self::mask(values, "mask")?.on(grid.0)?,
+            Some(values) => field::mask(values, "mask")?.on(grid.0)?,
             None => Array3::from_elem(grid.0.shape, true),
         };
         let mask = Mask::new(grid.0, mask).map_err(raise)?;
@@ -172,7 +173,10 @@ impl Renderer {
             None => Expected::Constant(EXPECTED),
             Some(given) => match given.extract::<f32>() {
                 Ok(number) => Expected::Constant(number),
-                Err(_) => Expected::Volume(volume(given, "expected")?.on(grid.0)?),
+                Err(_) => {
+                    let values = field::extinction(given, "expected", &light.core)?;
+                    Expected::Volume(values.on(grid.0)?)
+                }
             },
         };
         let mut prepared = match &expected {
@@ -325,7 +329,7 @@ pub(crate) fn side_by_side(
 
 impl Renderer {
     fn extinction(&self, object: &Bound<'_, PyAny>) -> PyResult<Volume> {
-        let values = volume(object, "extinction")?.on(self.grid.0)?;
+        let values = field::extinction(object, "extinction", &self.light.core)?.on(self.grid.0)?;
         Volume::new(self.grid.0, values).map_err(raise)
     }
 
