@@ -60,11 +60,6 @@ fn a_variable_in_other_units_is_selected() {
         assert!((water(name) / expected - 1.0).abs() < 1e-5, "{name}: {}", water(name));
     }
     program.refuse("convert C.nc F.nc --variable none", &["C.nc", "none"]);
-    program.refuse("cloud import C.nc --axes z,y,x --out F.nc", &["--spacing"]);
-    program.refuse(
-        "cloud import C.nc --spacing 50,50,40 --out F.nc",
-        &["are in km: give 0.05,0.05,0.04 for metres"],
-    );
 }
 
 #[test]

@@ -72,7 +72,6 @@ fn two_bands_give_the_droplets() {
     let water: f32 = found.microphysics.unwrap().liquid_water_content.sum();
     let expected = ball.values.sum() * 14.0 / 1500.0;
     assert!((water / expected - 1.0).abs() < 0.05, "{water} {expected}");
-    program.refuse(&format!("{line} --radius large --out W.nc"), &["--radius", "adiabatic"]);
     let uniform = "invert I.nc --grid C.nc --radius uniform --out W.nc";
     program.refuse(uniform, &["optics.phase", "mie"]);
 }

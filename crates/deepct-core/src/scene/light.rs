@@ -225,7 +225,8 @@ impl Light {
         let cloud = Cloud::from_extinction_and_radii(extinction, radii)?;
         let mut light = self.clone();
         light.optics.effective_radius = None;
-        light.scene(&cloud)
+        light.check()?;
+        light.scene_with(&cloud, light.droplet_table(&cloud)?)
     }
 
     /// The droplets of a given effective radius (um) that have an extinction (1/km), as the inverse of
