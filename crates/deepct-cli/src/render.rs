@@ -149,6 +149,13 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
     if wavelengths.is_empty() {
         wavelengths.push(light.wavelength);
     }
+    if wavelengths.len() > 1 && cloud.extinction.is_some() && cloud.microphysics.is_some() {
+        note!(
+            "deepct: warning: {}: its extinction is used at every wavelength; delete the variable \
+             extinction for that of its droplets",
+            args.cloud.display()
+        );
+    }
     let mut summaries = Vec::new();
     for &wavelength in &wavelengths {
         let key = "wavelength".to_owned();

@@ -1,8 +1,9 @@
 use crate::program::Program;
 use deepct_core::cloud::{Cloud, Microphysics};
 use deepct_core::grid::{Grid, Volume};
-use deepct_core::io::{Provenance, read_observation, write_cloud, write_volume};
+use deepct_core::io::{Provenance, read_cloud, read_observation, write_cloud, write_volume};
 use deepct_core::math::DVec3;
+use deepct_core::optics::extinction;
 use ndarray::Array3;
 
 /// Writes a cloud that is a block in the centre of a grid with 6 x 7 columns.
@@ -277,6 +278,24 @@ fn an_extinction_may_be_trilinear() {
     program.refuse(
         "render top.nc --views cloudct-10 --samples 1 --trilinear --out I.nc",
         &["top.nc", "outermost voxels", "clear voxels"],
+    );
+}
+
+/// The extinction of a file may be that of droplets at one wavelength only.
+#[test]
+fn an_extinction_for_every_wavelength_is_told() {
+    let program = Program::new();
+    program.succeed("cloud generate --set width_km=0.3 --set shape=[8,12,14] --out C.nc");
+    let render = "--views cloudct-10 --samples 2 --wavelength 0.55,0.67 --out I.nc";
+    assert_eq!(program.run(&format!("render C.nc {render} -q")).stderr, "");
+    let mut cloud = read_cloud(program.path("C.nc")).unwrap();
+    cloud.extinction = Some(extinction(&cloud).unwrap().values);
+    write_cloud(program.path("D.nc"), &cloud, &Provenance::default()).unwrap();
+    let run = program.run(&format!("render D.nc {render} -q"));
+    assert!(
+        run.stderr.contains("D.nc: its extinction is used at every wavelength"),
+        "{}",
+        run.stderr
     );
 }
 
