@@ -54,6 +54,8 @@ def objects():
         (deepct_py.score(cloud, estimate), deepct_py.score(cloud, 0.5 * cloud.extinction)),
         (deepct_py.Sensor.preset("cmv4000"), deepct_py.Sensor(
             full_well=1e4, read_noise=1, dark_current=0, bits=12, exposure=1e-3, pixel_pitch=5)),
+        (deepct_py.Renderer(grid, views, light, accuracy=0.05),
+         deepct_py.Renderer(grid, views, light, accuracy=0.05, tolerance=1e-4)),
         (deepct_py.plot(cloud), deepct_py.plot(cloud, title="another")),
     ]
     classes = {type(one) for one, _ in pairs}
