@@ -167,8 +167,9 @@ def network_from_state(state: dict[str, Tensor], lift: Lift | None = None) -> Ne
             kind = str(values.dtype).removeprefix("torch.")
             raise ValueError(f"{name} is of type {kind}, not float32")
     for layer in range(len(network.net.body)):
-        if f"net.body.{layer}.body.1.running_var" not in state:
-            raise ValueError(f"layer {layer} has no batch normalisation (net.body.{layer}.body.1)")
+        normalisation = f"net.body.{layer}.body.1"
+        if not any(name.startswith(f"{normalisation}.") for name in state):
+            raise ValueError(f"layer {layer} has no batch normalisation ({normalisation})")
     try:
         network.load_state_dict(state)
     except RuntimeError as problem:
