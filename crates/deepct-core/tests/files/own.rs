@@ -283,10 +283,12 @@ fn wrong_dimensions_are_refused() {
         replace(file, "extinction", Array1::<f32>::zeros(60).into_dyn());
     });
     check_refusal(io::read_volume(&path), &path, "dimensions");
+    check_refusal(io::read_cloud(&path), &path, "dimensions");
     spoiled(&path, |file| {
         replace(file, "extinction", Array3::<f32>::zeros((5, 4, 3)).into_dyn());
     });
     check_refusal(io::read_volume(&path), &path, "one coordinate per voxel");
+    check_refusal(io::read_cloud(&path), &path, "one coordinate per voxel");
 }
 
 /// The dimensions of a variable have names, so that their order does not matter.

@@ -109,7 +109,8 @@ fn checked_cloud(path: &Path, checks: &mut Checks) -> Result<Cloud> {
         );
         return Err(input.error("extinction, lwc", "both are missing", &remedy));
     }
-    let grid = grid_of(&input.variable(if water { "lwc" } else { "extinction" })?, &input)?;
+    let field = input.variable_on(if water { "lwc" } else { "extinction" }, &AXES)?;
+    let grid = grid_of(&field, &input)?;
     checks.grid(&grid)?;
     let mut cloud = Cloud { grid, microphysics: None, extinction: None };
     if water {
