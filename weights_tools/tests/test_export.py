@@ -277,3 +277,26 @@ def test_a_missing_folder_is_named_and_no_temporary_file(tmp_path, capsys):
     (line,) = capsys.readouterr().err.splitlines()
     assert f"{out}: is to be in the folder {out.parent}, which does not exist; create" in line
     assert ".tmp" not in line
+
+
+@pytest.mark.parametrize(("views", "layout"), [(10, "camera"), (80, "planes")])
+def test_a_state_dict_becomes_weights_in_one_command(tmp_path, capsys, views, layout):
+    """Layout and outputs follow from the channels, the situation from built-in weights."""
+    network = seasoned_network([views, 8, 64])
+    path = tmp_path / "own.pt"
+    torch.save({"state_dict": {f"module.{k}": v for k, v in network.state_dict().items()}}, path)
+    out = tmp_path / "own.safetensors"
+    assert main(["export", str(path), "--like", "cloudct-10", "--out", str(out)]) == 0
+    assert "as cloudct-10: input_scale 1, output_scale 1" in capsys.readouterr().out
+    own = json.loads(subprocess.check_output([DEEPCT, "weights", "inspect", out, "--json"]))
+    like = json.loads(
+        subprocess.check_output([DEEPCT, "weights", "inspect", "cloudct-10", "--json"])
+    )
+    for key in ("view_geometry", "levels", "wavelength_um", "target_altitude_km"):
+        assert own[key] == like[key]
+    assert own["outputs"] == ["extinction", "uncertainty"]
+    assert layout in str(own["image_layout"])
+    wrong = tmp_path / "wrong.pt"
+    torch.save(seasoned_network([7, 8, 64]).state_dict(), wrong)
+    assert main(["export", str(wrong), "--like", "cloudct-10", "--out", str(out)]) == 2
+    assert "its first layer takes 7 channels, but cloudct-10 has 10 or 80" in capsys.readouterr().err

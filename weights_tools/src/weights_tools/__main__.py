@@ -121,6 +121,13 @@ def _parser() -> argparse.ArgumentParser:
         "taken to pad with zeros",
     )
     convert.add_argument(
+        "--like",
+        metavar="WEIGHTS",
+        help="built-in weights whose views, Sun and levels are those of a bare state dict, such as "
+        "cloudct-10; its input is taken to be radiance (1/sr) and its output extinction (1/km), "
+        "unless --metadata has other scales",
+    )
+    convert.add_argument(
         "--unbiased",
         type=_share,
         nargs="?",
@@ -316,10 +323,14 @@ def _baselines(options: argparse.Namespace) -> int:
 
 
 def _export(options: argparse.Namespace) -> int:
-    from weights_tools.export import export, is_onnx, read_metadata
+    from weights_tools.export import export, is_onnx, merge, metadata_like, read_metadata
     from weights_tools.general_file import export_general, is_general
 
     changes = read_metadata(options.metadata) if options.metadata else {}
+    if options.like:
+        changes = merge(metadata_like(options.like, options.checkpoint), changes)
+        scales = f"input_scale {changes['input_scale']:g}, output_scale {changes['output_scale']:g}"
+        print(f"as {options.like}: {scales} (--metadata states others)")
     order = options.checkpoint, options.out, changes, options.unbiased
     if not is_onnx(options.out) and is_general(options.checkpoint):
         lines = export_general(*order, options.extremes)

@@ -16,7 +16,7 @@ from weights_tools.checkpoint import load_checkpoint, state_dict_of, write_whole
 from weights_tools.errors import InputError
 from weights_tools.files import read_file
 from weights_tools.lift import lift_of
-from weights_tools.model import Network, network_from_state
+from weights_tools.model import Network, channels_of, network_from_state
 from weights_tools.unbiased import BIASED_SCORES, unbiased_scale
 
 FORMAT_VERSION = 3
@@ -91,7 +91,7 @@ def load_network(
     the network do not match the planes given in the metadata, and for other padding than by zeros.
     """
     checkpoint = load_checkpoint(path)
-    metadata = _merge(checkpoint.get("metadata", {}), changes or {})
+    metadata = merge(checkpoint.get("metadata", {}), changes or {})
     state = state_dict_of(checkpoint, path)
     try:
         lift = lift_of(metadata) if "image_layout" in metadata else None
@@ -138,6 +138,58 @@ def read_metadata(path: str | Path) -> dict[str, Any]:
     if not isinstance(metadata, dict):
         raise InputError(path, "is not a JSON object", f"give {', '.join(METADATA_KEYS)}")
     return {key: value for key, value in metadata.items() if key not in DERIVED}
+
+
+def metadata_like(name: str, path: str | Path) -> dict[str, Any]:
+    """Metadata of a state dict for the situation (views, Sun, levels) of built-in weights.
+
+    Whether the network takes camera images or images on planes, and whether it has the uncertainty
+    as an output, follow from its numbers of channels. Radiances (1/sr) and extinctions (1/km) are
+    taken to be its input and output as they are.
+
+    Raises :class:`InputError` if there are no such weights, or if the channels do not fit.
+    """
+    try:
+        import deepct_py
+    except ImportError:
+        raise InputError("--like", "needs deepct_py", "install it, or give --metadata") from None
+    remedy = "give the weights of one formation, such as cloudct-10"
+    try:
+        known = deepct_py.Network.load(name).metadata
+    except (OSError, ValueError) as problem:
+        raise InputError("--like", str(problem), remedy) from None
+    if "view_geometry" not in known:
+        raise InputError("--like", f"{name} is for any formation", remedy)
+    try:
+        channels = channels_of(state_dict_of(load_checkpoint(path), path))
+    except ValueError as problem:
+        raise InputError(path, str(problem), "give the state dict of such a network") from None
+    layout = known["image_layout"]
+    views, levels = len(known["view_geometry"]["view_zenith_deg"]), known["levels"]["count"]
+    layouts = {views: "camera"}
+    if layout != "camera":
+        layouts[views * len(layout["planes"]["altitudes_km"])] = layout
+    outputs = {levels: ["extinction"], 2 * levels: ["extinction", "uncertainty"]}
+    for which, count, fitting in (
+        ("first layer takes", channels[0], layouts),
+        ("last layer gives", channels[-1], outputs),
+    ):
+        if count not in fitting:
+            expected = " or ".join(map(str, fitting))
+            problem = f"its {which} {count} channels, but {name} has {expected}"
+            raise InputError(path, problem, "give other weights as --like, or --metadata")
+    situation = ("formation", "view_geometry", "target_altitude_km", "wavelength_um",
+                 "horizontal_spacing_km", "levels")
+    return {
+        **{key: known[key] for key in situation},
+        "image_layout": layouts[channels[0]],
+        "outputs": outputs[channels[-1]],
+        "input_scale": 1.0,
+        "output_scale": 1.0,
+        "configuration": {},
+        "scores": {},
+        "training": {"data": "not stated", "identity": "not stated", "samples": 0, "seed": 0},
+    }
 
 
 def export(
@@ -271,10 +323,11 @@ def folded_layers(network: Network) -> dict[str, Tensor]:
     return layers
 
 
-def _merge(metadata: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
+def merge(metadata: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
+    """Metadata in which ``changes`` replace entries; objects are merged key by key."""
     merged = dict(metadata)
     for key, value in changes.items():
         if isinstance(value, dict) and isinstance(merged.get(key), dict):
-            value = _merge(merged[key], value)
+            value = merge(merged[key], value)
         merged[key] = value
     return merged
