@@ -24,9 +24,9 @@ const RAYS: [[f64; 2]; 4] = [[0.25, 0.25], [0.25, 0.75], [0.75, 0.25], [0.75, 0.
 /// sight with a weight that is the path length through the voxel, attenuated by the extinction in
 /// front of it.
 ///
-/// `share * (G P^T P G + D)` for the extinction: `P` contains these path lengths, one row for each pixel; the diagonal
-/// matrix of gains `G` makes the diagonal of `G P^T P G` equal to the estimated diagonal `D`. For the
-/// deviations of the effective radius it is `share * D`, and for its profile `D`, which is known
+/// `share * (G P^T P G + D)` for the extinction: `P` contains these path lengths, one row for each
+/// pixel; the diagonal matrix of gains `G` makes the diagonal of `G P^T P G` equal to the estimated
+/// diagonal `D`. For the deviations of the effective radius it is `share * D`, and for its profile `D`, which is known
 /// exactly: with a smaller factor, the profile moves too far in the first steps.
 #[derive(Debug, Clone)]
 pub(super) struct Curvature {

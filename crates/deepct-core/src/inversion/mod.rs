@@ -10,10 +10,10 @@
 //! where `x` are the extinction in the voxels of a mask, bounded between zero and a largest value, and
 //! the unknowns that describe the effective radius ([`Radius`]), for any forward model `F` that
 //! provides images and the derivatives of a weighted sum of them ([`ForwardModel`]). If the gains of
-//! the cameras are unknown, they take their most likely values at any `x`. From a uniform start, the inversion first solves for blocks of voxels, on
-//! coarse grids on which an iteration is inexpensive. The optimiser is a bounded quasi-Newton
-//! method ([`Minimiser`]), preconditioned with the Hessian of the prior and an approximate Hessian
-//! of the misfit.
+//! the cameras are unknown, they take their most likely values at any `x`. From a uniform start, the
+//! inversion first solves for blocks of voxels, on coarse grids on which an iteration is inexpensive.
+//! The optimiser is a bounded quasi-Newton method ([`Minimiser`]), preconditioned with the Hessian of
+//! the prior and an approximate Hessian of the misfit.
 
 mod blocks;
 mod checkpoint;

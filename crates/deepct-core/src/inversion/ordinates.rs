@@ -111,8 +111,8 @@ impl OrdinatesModels {
         Ok(Self { bands: bands.collect::<Result<_>>()?, ..Self::of_bands(Vec::new(), settings) })
     }
 
-    /// Creates models of one band that are corrected by a solver with the given settings. The fast solver uses
-    /// about half of the ordinates and fewer rays, and does not subdivide voxels.
+    /// Creates models of one band that are corrected by a solver with the given settings. The fast
+    /// solver uses about half of the ordinates and fewer rays, and does not subdivide voxels.
     pub fn new(scene: Scene, views: Vec<View>, settings: OrdinatesSettings) -> Self {
         Self::of_bands(vec![Band { scene, views, extinction: None }], settings)
     }

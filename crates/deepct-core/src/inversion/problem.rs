@@ -24,9 +24,9 @@ pub struct Problem<'a> {
 /// A voxel that an image shows by less than this (pixels) only touches it.
 const TOUCH: f64 = 1e-6;
 
-/// The voxels of a mask of which at least one image of any band shows a part: their centre, a corner, or what the
-/// middle of a pixel shows. In all others the images contain no information, and the extinction is not
-/// retrieved. Between periodic sides, lines of sight go on in the next copy, and no voxel is left out.
+/// The voxels of a mask of which at least one image of any band shows a part: their centre, a corner, or
+/// what the middle of a pixel shows. In all others the images contain no information, and the
+/// extinction is not retrieved. Between periodic sides, lines of sight go on in the next copy, and no voxel is left out.
 ///
 /// # Errors
 /// None for the mask of a valid grid.

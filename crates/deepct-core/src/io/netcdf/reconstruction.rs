@@ -14,11 +14,10 @@ use std::path::Path;
 
 /// Write a reconstruction: `extinction`, `mask` and, if the effective radius was retrieved, the
 /// droplets `lwc`, `reff` and `veff` on `(z, y, x)`, of which `veff` is that of the scene
-/// illumination; on the dimension `step`, the
-/// values of `block`, `seconds`, `misfit` and, if the truth is known, `relative_error` and
-/// `mass_error` after each iteration; and the scene illumination of the images of the first band. The
-/// file can be read by `read_cloud`, `read_volume` and `read_mask`. That of an interrupted inversion is marked
-/// ([`incomplete`](super::incomplete)).
+/// illumination; on the dimension `step`, the values of `block`, `seconds`, `misfit` and, if the truth
+/// is known, `relative_error` and `mass_error` after each iteration; and the scene illumination of the
+/// images of the first band. The file can be read by `read_cloud`, `read_volume` and `read_mask`. That of
+/// an interrupted inversion is marked ([`incomplete`](super::incomplete)).
 ///
 /// # Errors
 /// Returns an error if the file cannot be written, or if the scene illumination has a value out of
