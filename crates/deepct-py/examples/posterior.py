@@ -4,8 +4,8 @@
 
 writes a figure to FOLDER (by default the current one). It needs PyTorch and matplotlib. Each step follows the
 gradient of the logarithm of the posterior and adds noise (Roberts and Tweedie 1996), both scaled by the
-covariance that the derivatives of the images give; a Metropolis test accepts it. The spread of the samples is compared with
-the error of their mean.
+covariance that the derivatives of the images give; a Metropolis test accepts it. The spread of the samples
+is compared with the error of their mean.
 """
 
 import sys
