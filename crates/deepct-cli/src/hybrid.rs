@@ -4,15 +4,15 @@ use crate::config::Values;
 use crate::field::{Field, given_mask, identity, part_of};
 use crate::files::lineage;
 use crate::global::Global;
-use crate::inversion::{Flags, InvertSettings, Job};
+use crate::inversion::{Flags, InvertSettings, Job, read_bands};
 use crate::light::resolve_light;
 use crate::network::{NetworkFlags, network_grid};
 use crate::outcome::Outcome;
 use crate::summary;
 use deepct_core::carve::carve;
 use deepct_core::grid::{Grid, Volume};
-use deepct_core::inversion::Radius;
-use deepct_core::io::{ImagesFile, Provenance, read_observation};
+use deepct_core::inversion::{InversionSettings, Radius};
+use deepct_core::io::{ImagesFile, Provenance};
 use deepct_core::network::{Estimate, Estimator};
 use deepct_core::scene::{Observation, Tile};
 use deepct_core::{Error, Result, conv};
@@ -31,8 +31,10 @@ use std::path::{Path, PathBuf};
 /// columns around it. If the command is interrupted, repeat it to continue.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
-    /// File of images
-    images: PathBuf,
+    /// File of images, or one file of images of the same cloud for each band: the network estimates the
+    /// extinction from the first one
+    #[arg(required = true)]
+    images: Vec<PathBuf>,
     #[command(flatten)]
     network: NetworkFlags,
     /// Run the quick hybrid: 12 steps with one correction by the accurate solver
@@ -55,9 +57,10 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
         settings.inversion = settings.inversion.quick();
     }
     let network = args.network.estimator(conv::Settings::default(), global.force)?;
-    let file = ImagesFile::open(&args.images)?;
+    let first = &args.images[0];
+    let file = ImagesFile::open(first)?;
     let grid = network_grid(&network, args.network.grid()?, &file);
-    let grid = grid.map_err(Error::in_file(&args.images))?;
+    let grid = grid.map_err(Error::in_file(first))?;
     let run = Run { args, global, network, settings, given };
     let [_, rows, cols] = grid.shape;
     match rows.max(cols) > TILE + 2 * HALO {
@@ -79,24 +82,29 @@ struct Run<'a> {
 impl<'a> Run<'a> {
     fn whole(&self, grid: Grid) -> Result<Outcome> {
         let Self { args, global, network, .. } = self;
-        let mut observation = read_observation(&args.images)?;
-        resolve_light(&mut observation, &args.images, &self.given, global.quiet)?;
-        let start = self.start(&observation, &grid).map_err(Error::in_file(&args.images))?;
-        args.network.warn_of_unusual_images(network, &observation, &start)?;
+        let bands = read_bands(&args.images, &self.given, global)?;
+        let start = self.start(&bands[0], &grid).map_err(Error::in_file(&args.images[0]))?;
+        args.network.warn_of_unusual_images(network, &bands[0], &start)?;
         args.network.warn_of_ends(&start);
-        self.job(observation, start).run(global)
+        self.job(bands, start).run(global)
     }
 
     /// The inversion of a field tile by tile.
     fn field(&self, mut file: ImagesFile, grid: Grid) -> Result<Outcome> {
         let Self { args, global, network, .. } = self;
-        let images = &args.images;
-        if self.settings.inversion.radius != Radius::Given {
-            return Err(Error::out_of_range(
-                "inversion.radius",
-                "not given",
-                format!("given for a field of more than {} columns", TILE + 2 * HALO),
-            ));
+        let [images] = &args.images[..] else {
+            let most = format!("1 for a field of more than {} columns", TILE + 2 * HALO);
+            return Err(Error::out_of_range("number of files of images", args.images.len(), most));
+        };
+        let InversionSettings { radius, members, .. } = self.settings.inversion;
+        let (is_given, none) = (radius == Radius::Given, members == 0);
+        for (name, is_usual, usual) in
+            [("inversion.radius", is_given, "given"), ("inversion.members", none, "0")]
+        {
+            if !is_usual {
+                let range = format!("{usual} for a field of more than {} columns", TILE + 2 * HALO);
+                return Err(Error::out_of_range(name, format!("not {usual}"), range));
+            }
         }
         let mut corner = file.part(0..1, 0..1)?;
         resolve_light(&mut corner, images, &self.given, global.quiet)?;
@@ -123,7 +131,7 @@ impl<'a> Run<'a> {
                 Some(mask) => part_of(mask, tile)?,
                 None => carve(&observation, &tile.around, &self.settings.carve)?.mask,
             };
-            let extinction = self.job(observation, start).tile(&quiet, &mask, &grid)?;
+            let extinction = self.job(vec![observation], start).tile(&quiet, &mask, &grid)?;
             Ok(Estimate { extinction, uncertainty: None })
         })?;
         if let Some((observation, tile)) = field.thickest(&total)? {
@@ -139,11 +147,12 @@ impl<'a> Run<'a> {
     /// The parameters of a run and its inputs, which identify the tiles.
     fn configuration(&self, corner: Observation, grid: &Grid) -> Result<String> {
         let Args { images, network, flags, .. } = self.args;
-        let inputs = [Some(images.as_path()), Some(&network.weights), flags.mask()];
-        let inputs = identity(inputs.into_iter().flatten(), grid)?;
+        let others = [Some(network.weights.as_path()), flags.mask()];
+        let inputs = images.iter().map(PathBuf::as_path).chain(others.into_iter().flatten());
+        let inputs = identity(inputs, grid)?;
         let grid = grid.part(0..1, 0..1)?;
         let start = Estimate { extinction: Volume::constant(grid, 0.0), uncertainty: None };
-        let job = self.job(corner, start);
+        let job = self.job(vec![corner], start);
         Ok(format!("inputs = {inputs:?}\n{}", job.resolved(&self.settings)))
     }
 
@@ -153,15 +162,15 @@ impl<'a> Run<'a> {
         self.network.estimate(&ideal.images, &ideal.imaging_geometry()?, Some(grid))
     }
 
-    fn job(&self, observation: Observation, start: Estimate) -> Job<'a> {
+    fn job(&self, bands: Vec<Observation>, start: Estimate) -> Job<'a> {
         let args = self.args;
         Job {
             quick: args.quick,
             what: "hybrid",
-            images: std::slice::from_ref(&args.images),
+            images: &args.images,
             flags: &args.flags,
             settings: self.settings.clone(),
-            bands: vec![observation],
+            bands,
             grid: start.extinction.grid,
             start: start.into(),
             init: args.network.weights.display().to_string(),

@@ -4,7 +4,7 @@ use crate::config::{self, Values};
 use crate::defaults;
 use crate::files::lineage;
 use crate::global::Global;
-use crate::light::LightFlags;
+use crate::light::{LightFlags, resolve_light};
 use crate::outcome::Outcome;
 use crate::progress::{InversionProgress, stop, stopped};
 use crate::summary::{self, Form};
@@ -12,11 +12,12 @@ use deepct_core::carve::{CarveSettings, carve};
 use deepct_core::files::check_output;
 use deepct_core::grid::{Grid, Mask, Volume};
 use deepct_core::inversion::{
-    Ending, Explanation, InversionSettings, OrdinatesModels, Problem, Radius, Reconstruction,
-    Start, invert, resume, shown,
+    Calibration, Ending, Explanation, InversionSettings, OrdinatesModels, Problem, Radius,
+    Reconstruction, Start, invert, resume, shown,
 };
 use deepct_core::io::{
-    Provenance, inversion_identity, read_checkpoint, read_cloud, read_mask, write_reconstruction,
+    Provenance, inversion_identity, read_checkpoint, read_cloud, read_mask, read_observation,
+    write_reconstruction,
 };
 use deepct_core::math::DVec3;
 use deepct_core::scene::{Light, Observation};
@@ -38,6 +39,10 @@ pub(crate) struct Flags {
     /// (none), uniform (one radius), adiabatic (a profile above the cloud base) or field (each voxel)
     #[arg(long, value_name = "NAME")]
     radius: Option<String>,
+    /// Standard errors of the result, from the spread of this many further inversions of images with
+    /// other noise, which replaces the setting inversion.members
+    #[arg(long, value_name = "N")]
+    members: Option<usize>,
     /// File of the true cloud; the errors with respect to it are reported after each step
     #[arg(long, value_name = "C.nc")]
     pub(crate) truth: Option<PathBuf>,
@@ -76,11 +81,26 @@ impl Flags {
         if let Some(name) = &self.radius {
             settings.inversion.radius = parse_radius(name)?;
         }
+        settings.inversion.members = self.members.unwrap_or(settings.inversion.members);
         settings.inversion.check()?;
         settings.solver.check()?;
         values.extend(self.light.values(&[])?);
         Ok((settings, values))
     }
+}
+
+/// Reads the images of each band; the given values replace those of their scene illumination.
+pub(crate) fn read_bands(
+    paths: &[PathBuf],
+    given: &Values,
+    global: &Global,
+) -> Result<Vec<Observation>> {
+    let read = |path: &PathBuf| {
+        let mut observation = read_observation(path)?;
+        resolve_light(&mut observation, path, given, global.quiet)?;
+        Ok(observation)
+    };
+    paths.iter().map(read).collect()
 }
 
 fn parse_radius(name: &str) -> Result<Radius> {
@@ -343,6 +363,10 @@ fn beside(out: &Path) -> PathBuf {
     name.into()
 }
 
+fn is_unknown(camera: &Calibration) -> bool {
+    *camera != Calibration::NOMINAL
+}
+
 /// What is printed about an inversion.
 #[derive(Debug, Serialize)]
 struct Summary<'a> {
@@ -367,6 +391,13 @@ struct Summary<'a> {
     /// Mean effective radius (um), weighted by the extinction, if it was retrieved.
     #[serde(skip_serializing_if = "Option::is_none")]
     effective_radius: Option<f64>,
+    /// Epsilon that the standard errors let expect.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    expected_relative_error: Option<f64>,
+    /// Gain and offset (pixels; row, column) of the camera of each view of each band, if they were
+    /// unknown.
+    #[serde(skip_serializing_if = "<[_]>::is_empty")]
+    calibrations: &'a [Vec<Calibration>],
 }
 
 impl<'a> Summary<'a> {
@@ -386,6 +417,11 @@ impl<'a> Summary<'a> {
             ending: ending.description(),
             largest: extinction.values.iter().copied().fold(0.0, f32::max),
             effective_radius: result.mean_effective_radius(),
+            expected_relative_error: result.expected_relative_error(),
+            calibrations: match result.calibrations.iter().flatten().any(is_unknown) {
+                true => &result.calibrations,
+                false => &[],
+            },
         }
     }
 }
@@ -402,6 +438,16 @@ impl summary::Summary for Summary<'_> {
         say!("largest  {:.3} km-1", self.largest);
         if let Some(radius) = self.effective_radius {
             say!("radius   {radius:.2} um");
+        }
+        if let Some(expected) = self.expected_relative_error {
+            say!("expected epsilon {expected:.4}");
+        }
+        for (band, cameras) in self.calibrations.iter().enumerate() {
+            for (view, Calibration { gain, offset: [row, col] }) in cameras.iter().enumerate() {
+                say!(
+                    "camera   band {band}, view {view}: gain {gain:.4}, offset {row:+.2} {col:+.2} pixels"
+                );
+            }
         }
     }
 }

@@ -1,11 +1,10 @@
 //! `deepct invert`: a cloud from its images, by inversion of the radiative transfer.
 
 use crate::global::Global;
-use crate::inversion::{Flags, Job};
-use crate::light::resolve_light;
+use crate::inversion::{Flags, Job, read_bands};
 use crate::outcome::Outcome;
 use deepct_core::inversion::Start;
-use deepct_core::io::{read_estimate, read_grid, read_observation};
+use deepct_core::io::{read_estimate, read_grid};
 use deepct_core::{Error, Result};
 use std::path::PathBuf;
 
@@ -45,12 +44,7 @@ pub(crate) struct Args {
 pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let (settings, given) = args.flags.resolve()?;
     let start = start(&args.init)?;
-    let read = |path: &PathBuf| {
-        let mut observation = read_observation(path)?;
-        resolve_light(&mut observation, path, &given, global.quiet)?;
-        Ok(observation)
-    };
-    let bands = args.images.iter().map(read).collect::<Result<_>>()?;
+    let bands = read_bands(&args.images, &given, global)?;
     let job = Job {
         quick: false,
         what: "invert",

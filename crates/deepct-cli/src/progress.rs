@@ -217,6 +217,14 @@ impl inversion::Watch for InversionProgress<'_> {
         self.progress.advance_with(u64::from(record.iteration > 0), Some(&text));
     }
 
+    fn has_members(&self, count: usize) {
+        let text = format!("standard errors, member {count}");
+        if self.every_step {
+            note!("{}: {text}", self.progress.what);
+        }
+        self.progress.advance_with(0, Some(&text));
+    }
+
     fn keep(&self, checkpoint: &Checkpoint) -> Result<()> {
         match self.checkpoint {
             Some((path, identity)) => write_checkpoint(path, checkpoint, identity),

@@ -29,6 +29,8 @@ pub enum Purpose {
     Validation = 6,
     /// Seeds of the parts of a run.
     Seed = 7,
+    /// Other noise and another prior, for the standard errors of an inversion.
+    Members = 8,
 }
 
 /// The seed of the part `number` of a run with a seed. Sums would give part 1 of seed 2 and part 2

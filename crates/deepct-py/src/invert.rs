@@ -16,7 +16,7 @@ use crate::view::ViewSequence;
 use deepct_core::carve::{CarveSettings, carve};
 use deepct_core::grid::{Mask, Volume};
 use deepct_core::inversion::{
-    self, InversionSettings, OrdinatesModels, Problem, Start, network_grid,
+    self, InversionSettings, OrdinatesModels, Problem, StandardErrors, Start, network_grid,
 };
 use deepct_core::network::Estimate;
 use deepct_core::scene::{self, Observation};
@@ -47,6 +47,10 @@ use std::path::PathBuf;
 ///     Scene illumination of the images, those of the first band.
 /// effective_radius : array, [z, y, x], optional
 ///     Effective radius (um), if it was retrieved.
+/// standard_errors : dict, optional
+///     Standard errors of the voxels, as in the attribute.
+/// calibrations : list of list of dict, optional
+///     Calibrations of the cameras, as in the attribute.
 /// lineage : Lineage, optional
 ///     Its time and history. Default: unknown.
 #[pyclass(frozen, module = "deepct_py")]
@@ -76,6 +80,16 @@ pub(crate) struct Reconstruction {
     /// retrieved.
     #[pyo3(get)]
     effective_radius: Option<Py<PyArray3<f32>>>,
+    /// Standard errors of each voxel, 0 outside the mask, from the spread of `members` inversions: a dict of
+    /// numpy.ndarray, float32, [z, y, x], with the keys "extinction" (1/km) and, if the effective radius
+    /// was retrieved, "effective_radius" (um) and "liquid_water_content" (g/m3); empty without members.
+    #[pyo3(get)]
+    standard_errors: Py<PyDict>,
+    /// The calibration of the camera of each view of each band: a list with one list for each band, of
+    /// dicts with the keys `gain`, the factor by which the radiances are too large, and `offset`, the
+    /// distance [rows, columns] of the point that a pixel shows from the pixel.
+    #[pyo3(get)]
+    calibrations: Py<PyAny>,
     /// Its time and history.
     #[pyo3(get)]
     lineage: Lineage,
@@ -93,6 +107,8 @@ impl Record for Reconstruction {
             "ending",
             "light",
             "effective_radius",
+            "standard_errors",
+            "calibrations",
             "lineage",
         ];
         attributes(of.as_any(), &names)
@@ -103,9 +119,10 @@ impl Record for Reconstruction {
 impl Reconstruction {
     #[new]
     #[pyo3(signature = (
-        grid, extinction, mask, history, ending, light, effective_radius = None, *, lineage = None,
+        grid, extinction, mask, history, ending, light, effective_radius = None, *,
+        standard_errors = None, calibrations = None, lineage = None,
     ))]
-    // In Python the last two have defaults.
+    // In Python the last four have defaults.
     #[allow(clippy::too_many_arguments)]
     fn new(
         grid: Grid,
@@ -115,18 +132,27 @@ impl Reconstruction {
         ending: &str,
         light: Light,
         effective_radius: Option<&Bound<'_, PyAny>>,
+        standard_errors: Option<&Bound<'_, PyDict>>,
+        calibrations: Option<&Bound<'_, PyAny>>,
         lineage: Option<Lineage>,
     ) -> PyResult<Self> {
         let py = extinction.py();
-        let radius = effective_radius.map(|radius| {
-            let values = volume(radius, "effective_radius")?.on(grid.0)?;
-            Volume::new(grid.0, values).map_err(raise)
-        });
+        let field = |field: &Bound<'_, PyAny>, name: &str| {
+            Volume::new(grid.0, volume(field, name)?.on(grid.0)?).map_err(raise)
+        };
+        let radius = effective_radius.map(|radius| field(radius, "effective_radius"));
+        let errors = standard_errors.filter(|errors| !errors.is_empty());
+        let errors = errors.map(|errors| given_errors(errors, &field)).transpose()?;
         let values = field::extinction(extinction, "extinction", &light.core)?.on(grid.0)?;
         let mask = field::mask(mask, "mask")?.on(grid.0)?;
         let core = inversion::Reconstruction {
             extinction: Volume::new(grid.0, values).map_err(raise)?,
             effective_radius: radius.transpose()?,
+            standard_errors: errors,
+            calibrations: match calibrations {
+                Some(calibrations) => parsed(&dumped(calibrations)?, "calibrations")?,
+                None => Vec::new(),
+            },
             history: parsed(&dumped(history)?, "history")?,
             ending: parsed(&format!("\"{ending}\""), "ending")?,
         };
@@ -147,10 +173,21 @@ impl Reconstruction {
         title: &str,
         overwrite: bool,
     ) -> PyResult<()> {
-        let volume = |values| Volume::new(self.grid.0, copied(py, values)?).map_err(raise);
+        let volume = |values: &Py<PyArray3<f32>>| {
+            Volume::new(self.grid.0, copied(py, values)?).map_err(raise)
+        };
+        let errors = self.standard_errors.bind(py);
+        let errors = (!errors.is_empty()).then(|| {
+            given_errors(errors, &|field, _| {
+                let field = field.cast::<PyArray3<f32>>()?.clone().unbind();
+                volume(&field)
+            })
+        });
         let core = inversion::Reconstruction {
             extinction: volume(&self.extinction)?,
             effective_radius: self.effective_radius.as_ref().map(volume).transpose()?,
+            standard_errors: errors.transpose()?,
+            calibrations: parsed(&dumped(self.calibrations.bind(py))?, "calibrations")?,
             history: parsed(&dumped(self.history.bind(py))?, "history")?,
             ending: parsed(&format!("\"{}\"", self.ending), "ending")?,
         };
@@ -177,18 +214,59 @@ impl Reconstruction {
         lineage: Lineage,
     ) -> PyResult<Self> {
         let text = |value: serde_json::Result<String>| value.expect("plain numbers and text");
-        let history = text(serde_json::to_string(&answer.history));
+        let object = |text: String| -> PyResult<Py<PyAny>> {
+            Ok(py.import("json")?.call_method1("loads", (text,))?.unbind())
+        };
+        let standard_errors = PyDict::new(py);
+        if let Some(errors) = answer.standard_errors {
+            let StandardErrors { extinction, effective_radius, liquid_water_content } = errors;
+            let fields = [Some(extinction), effective_radius, liquid_water_content];
+            for (name, field) in ERRORS.into_iter().zip(fields) {
+                if let Some(field) = field {
+                    standard_errors.set_item(name, give(py, field.values))?;
+                }
+            }
+        }
         Ok(Self {
             grid: Grid(answer.extinction.grid),
             extinction: give(py, answer.extinction.values),
             mask: give(py, mask.values),
-            history: py.import("json")?.call_method1("loads", (history,))?.unbind(),
+            history: object(text(serde_json::to_string(&answer.history)))?,
+            standard_errors: standard_errors.unbind(),
+            calibrations: object(text(serde_json::to_string(&answer.calibrations)))?,
             ending: text(serde_json::to_string(&answer.ending)).trim_matches('"').to_owned(),
             light,
             effective_radius: answer.effective_radius.map(|radius| give(py, radius.values)),
             lineage,
         })
     }
+}
+
+/// The keys of `Reconstruction.standard_errors`.
+const ERRORS: [&str; 3] = ["extinction", "effective_radius", "liquid_water_content"];
+
+/// The standard errors in a dict, whose fields are converted.
+fn given_errors(
+    errors: &Bound<'_, PyDict>,
+    convert: &dyn Fn(&Bound<'_, PyAny>, &str) -> PyResult<Volume>,
+) -> PyResult<StandardErrors> {
+    let unknown =
+        |name: &Bound<'_, PyAny>| !ERRORS.iter().any(|known| name.eq(known).unwrap_or(false));
+    if let Some(name) = errors.keys().iter().find(unknown) {
+        let known = ERRORS.join(", ");
+        return Err(PyValueError::new_err(format!("standard_errors has {name}, not {known}")));
+    }
+    let field = |name: &str| {
+        let field = errors.get_item(name)?;
+        field.map(|field| convert(&field, name)).transpose()
+    };
+    let missing = || PyValueError::new_err("standard_errors has no extinction");
+    let [extinction, effective_radius, liquid_water_content] = ERRORS.map(field);
+    Ok(StandardErrors {
+        extinction: extinction?.ok_or_else(missing)?,
+        effective_radius: effective_radius?,
+        liquid_water_content: liquid_water_content?,
+    })
 }
 
 /// An object of Python as JSON.
@@ -373,9 +451,9 @@ struct Solved {
 ///     those of `Reconstruction.history` after each step; an exception that it raises ends the
 ///     computation.
 /// **settings
-///     Settings of the inversion, such as `iterations`, or `radius`, with which the effective radius is
-///     retrieved: "uniform", "adiabatic" or "field". The command `deepct config invert` lists
-///     them under `[inversion]`.
+///     Settings of the inversion, such as `iterations`, `radius`, with which the effective radius is
+///     retrieved ("uniform", "adiabatic" or "field"), or `members`, which gives standard errors. The
+///     command `deepct config invert` lists them under `[inversion]`.
 ///
 /// Returns
 /// -------

@@ -225,9 +225,14 @@ impl MethodRunner<'_> {
                 let expected = estimate.expected_relative_error();
                 let mut extinction = estimate.extinction;
                 mask.apply(&mut extinction)?;
-                let (history, ending) = (Vec::new(), Ending::Iterations);
-                let effective_radius = None;
-                let found = Reconstruction { extinction, effective_radius, history, ending };
+                let found = Reconstruction {
+                    extinction,
+                    effective_radius: None,
+                    standard_errors: None,
+                    calibrations: Vec::new(),
+                    history: Vec::new(),
+                    ending: Ending::Iterations,
+                };
                 return Ok((found, expected));
             }
             Method::Physics => {

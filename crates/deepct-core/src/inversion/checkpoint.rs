@@ -18,6 +18,8 @@ pub struct Checkpoint {
     pub point: Point,
     /// The steps stored by the optimiser, the oldest first.
     pub pairs: Vec<Pair>,
+    /// The offsets of the views of each band for which the model was created.
+    pub offsets: Vec<Vec<[f64; 2]>>,
     /// The record of each iteration.
     pub history: Vec<Record>,
 }

@@ -1,12 +1,15 @@
 //! The measured images with their standard errors, and the misfit of a model to them.
 
-use super::InversionSettings;
+use super::calibration::{Prior, Seen, Slopes};
+use super::{Calibration, InversionSettings};
 use crate::error::{Error, Result};
 use crate::grid::Mask;
 use crate::image::ViewStack;
+use crate::rng::Stream;
 use crate::scene::{Observation, View};
 use crate::traverse::walk;
 use ndarray::{Array3, Axis, Zip};
+use rand_distr::{Distribution, StandardNormal};
 
 /// Images and the standard error of each pixel; the standard error of excluded pixels is infinite, and
 /// the radiance of missing ones is 0.
@@ -18,15 +21,14 @@ pub struct Measurement {
     is_bound: Array3<bool>,
     /// The largest radiance of the pixels that are not left out (1/sr).
     brightest: f64,
-    /// Standard error of the gain of each view in the prior; 0 for known gains.
-    gain_error: f64,
+    /// What is known of the calibration of the camera of each view.
+    cameras: Vec<Prior>,
+    /// The change of the images of the model per row and per column by which its views are shifted;
+    /// `None` if the directions of the cameras are known.
+    slopes: Option<[Array3<f32>; 2]>,
     /// Number of pixels by which sums over the pixels are divided: that of all bands.
     count: usize,
 }
-
-/// Maximum number of steps in which the gain of a view is determined; there are more than two only if
-/// pixels are saturated.
-const GAIN_STEPS: usize = 50;
 
 impl Measurement {
     /// Creates a measurement from the images of an observation and their standard error or, if they
@@ -73,8 +75,10 @@ impl Measurement {
         check_errors(&standard_error)?;
         let nowhere = || Array3::from_elem(images.values.dim(), false);
         let is_bound = observation.saturated.clone().unwrap_or_else(nowhere);
-        let (gain_error, count) = (settings.camera_gain_error, included(&standard_error));
-        Ok(Self { images, standard_error, is_bound, brightest, gain_error, count })
+        let cameras = vec![Prior::new(settings); images.values.len_of(Axis(0))];
+        let count = included(&standard_error);
+        let slopes = None;
+        Ok(Self { images, standard_error, is_bound, brightest, cameras, slopes, count })
     }
 
     /// Returns the measurements of several bands such that their misfits add up to the mean over the
@@ -111,6 +115,35 @@ impl Measurement {
         Self { count: included(&standard_error), standard_error, ..self.clone() }
     }
 
+    /// Returns the measurement with other noise: random errors with the standard errors are added to the
+    /// images and to the expected calibrations.
+    pub(super) fn with_other_noise(&self, random: &mut Stream) -> Self {
+        let mut other = self.clone();
+        let mut normal = || -> f64 { StandardNormal.sample(random) };
+        for (radiance, error) in other.images.values.iter_mut().zip(&self.standard_error) {
+            if error.is_finite() {
+                *radiance += normal() as f32 * error;
+            }
+        }
+        for camera in &mut other.cameras {
+            for (expected, error) in camera.expected.iter_mut().zip(camera.errors) {
+                *expected += normal() * error;
+            }
+        }
+        other
+    }
+
+    /// Returns the measurement for a model whose views have these offsets, to which calibrations are
+    /// relative, and whose images change by these slopes for each row and column that they are shifted.
+    pub(super) fn of_views(&self, offsets: &[[f64; 2]], slopes: Option<[Array3<f32>; 2]>) -> Self {
+        let mut moved = Self { slopes, ..self.clone() };
+        for (camera, [row, col]) in moved.cameras.iter_mut().zip(offsets) {
+            camera.expected[1] -= row;
+            camera.expected[2] -= col;
+        }
+        moved
+    }
+
     /// Whether each pixel is included.
     pub(super) fn counted(&self) -> Array3<bool> {
         self.standard_error.mapv(f32::is_finite)
@@ -121,72 +154,56 @@ impl Measurement {
         self.count.max(1)
     }
 
-    /// The most likely gain of each view, by which the images of a model are multiplied: that which
-    /// minimises the sum of the squared ratios of the residuals to their standard errors and of the
-    /// squared ratio of `gain - 1` to its own standard error. 1 if the gains are known.
+    /// The most likely calibration of the camera of each view, with which the images of a model are
+    /// compared with the measured ones: that which minimises the sum of the squared ratios of the
+    /// residuals to their standard errors, and of the differences from the expected calibration to
+    /// theirs.
     ///
     /// # Errors
     /// Images whose shape differs from that of the measurement.
-    pub fn gains(&self, images: &ViewStack) -> Result<Vec<f64>> {
+    pub fn calibrations(&self, images: &ViewStack) -> Result<Vec<Calibration>> {
         self.check(images)?;
-        Ok((0..images.values.len_of(Axis(0))).map(|view| self.gain(images, view)).collect())
-    }
-
-    fn gain(&self, images: &ViewStack, view: usize) -> f64 {
-        if self.gain_error == 0.0 {
-            return 1.0;
-        }
-        let part = |values: &Array3<f32>| values.index_axis(Axis(0), view).to_owned();
-        let (model, seen) = (part(&images.values), part(&self.images.values));
-        let (errors, bounds) =
-            (part(&self.standard_error), self.is_bound.index_axis(Axis(0), view));
-        let mut gain = 1.0;
-        for _ in 0..GAIN_STEPS {
-            // Sums of the products of the model with the measurement and with itself. A saturated
-            // pixel takes part only if it is too dark.
-            let prior = self.gain_error.powi(-2);
-            let (mut product, mut square) = (prior, prior);
-            for (((model, seen), error), is_bound) in
-                model.iter().zip(&seen).zip(&errors).zip(bounds)
-            {
-                let [model, seen, error] = [*model, *seen, *error].map(f64::from);
-                if error.is_finite() && !(*is_bound && gain * model > seen) {
-                    let weight = model / (error * error);
-                    product += weight * seen;
-                    square += weight * model;
-                }
-            }
-            let before = std::mem::replace(&mut gain, product / square);
-            if (gain - before).abs() < 1e-12 {
-                break;
-            }
-        }
-        gain
+        let calibration = |(view, camera): (usize, &Prior)| {
+            let seen = Seen {
+                image: self.images.values.index_axis(Axis(0), view),
+                standard_error: self.standard_error.index_axis(Axis(0), view),
+                is_bound: self.is_bound.index_axis(Axis(0), view),
+                slopes: self.slopes_of(view),
+            };
+            camera.most_likely(&seen, images.values.index_axis(Axis(0), view))
+        };
+        Ok(self.cameras.iter().enumerate().map(calibration).collect())
     }
 
     /// The misfit: the mean over all included pixels of the squared ratio of the residual to its
-    /// standard error, at the most likely gains and including their prior.
+    /// standard error, with the most likely calibrations and including their prior.
     ///
     /// # Errors
     /// Images whose shape differs from that of the measurement.
     pub fn misfit(&self, images: &ViewStack) -> Result<f64> {
-        let gains = self.gains(images)?;
-        let residuals = self.residuals(images, &gains);
+        let calibrations = self.calibrations(images)?;
+        let residuals = self.residuals(images, &calibrations);
         let squares = residuals.iter().zip(&self.standard_error).map(|(residual, error)| {
             let residual = f64::from(*residual) / f64::from(*error);
             residual * residual
         });
-        let unusual = gains.iter().filter(|gain| **gain != 1.0);
-        let unusual = unusual.map(|gain| ((gain - 1.0) / self.gain_error).powi(2));
-        Ok((squares.sum::<f64>() + unusual.sum::<f64>()) / self.pixels() as f64)
+        let cameras = self.cameras.iter().zip(calibrations);
+        let unusual: f64 = cameras.map(|(camera, found)| camera.size_of(found)).sum();
+        Ok((squares.sum::<f64>() + unusual) / self.pixels() as f64)
     }
 
-    /// The difference of each pixel of a model, multiplied by the gain of its view, from the measured
-    /// one.
-    fn residuals(&self, images: &ViewStack, gains: &[f64]) -> Array3<f32> {
+    fn slopes_of(&self, view: usize) -> Slopes<'_> {
+        let [rows, cols] = self.slopes.as_ref()?;
+        Some([rows, cols].map(|slopes| slopes.index_axis(Axis(0), view)))
+    }
+
+    /// The difference of each pixel of a model, as its camera sees it, from the measured one.
+    fn residuals(&self, images: &ViewStack, calibrations: &[Calibration]) -> Array3<f32> {
         let mut residuals = images.values.clone();
-        for (mut image, gain) in residuals.outer_iter_mut().zip(gains) {
-            image *= *gain as f32;
+        let cameras = residuals.outer_iter_mut().zip(calibrations).enumerate();
+        for (view, (mut image, calibration)) in cameras {
+            let seen = calibration.image(image.view(), &self.slopes_of(view));
+            image.assign(&seen);
         }
         Zip::from(&mut residuals).and(&self.images.values).and(&self.is_bound).for_each(
             |residual, seen, is_bound| {
@@ -205,7 +222,7 @@ impl Measurement {
     pub(super) fn difference(&self, images: &ViewStack) -> Result<f64> {
         self.check(images)?;
         let brightest = self.brightest;
-        let known = vec![1.0; images.values.len_of(Axis(0))];
+        let known = vec![Calibration::NOMINAL; self.cameras.len()];
         let residuals = self.residuals(images, &known);
         let residuals = residuals.iter().zip(&self.standard_error);
         let included = residuals.filter(|(_, error)| error.is_finite());
@@ -214,19 +231,19 @@ impl Measurement {
     }
 
     /// The derivative of half the [`Measurement::misfit`] with respect to each pixel of the images.
-    /// Since the misfit is smallest at the most likely gains, these count as constant (variable
+    /// Since the misfit is smallest at the most likely calibrations, these count as constant (variable
     /// projection: Golub and Pereyra 1973).
     ///
     /// # Errors
     /// Images whose shape differs from that of the measurement.
     pub fn derivative(&self, images: &ViewStack) -> Result<ViewStack> {
-        let gains = self.gains(images)?;
+        let calibrations = self.calibrations(images)?;
         let count = self.pixels() as f32;
-        let mut derivative = Zip::from(&self.residuals(images, &gains))
+        let mut derivative = Zip::from(&self.residuals(images, &calibrations))
             .and(&self.standard_error)
             .map_collect(|residual, error| residual / (error * error * count));
-        for (mut image, gain) in derivative.outer_iter_mut().zip(gains) {
-            image *= gain as f32;
+        for (mut image, calibration) in derivative.outer_iter_mut().zip(calibrations) {
+            image *= calibration.gain as f32;
         }
         ViewStack::new(derivative)
     }
@@ -365,7 +382,7 @@ mod tests {
     /// Two views of two pixels, by hand, and the derivative by central differences; one pixel of the
     /// second view is saturated.
     #[test]
-    fn the_most_likely_gains_minimise_the_misfit() {
+    fn the_most_likely_calibrations_minimise_the_misfit() {
         let view = View::orthographic(DVec3::Z, DVec3::ZERO, 0.1, [1, 2]).unwrap();
         let stack = |values: [f32; 4]| {
             ViewStack::new(Array3::from_shape_vec((2, 1, 2), values.to_vec()).unwrap()).unwrap()
@@ -374,20 +391,27 @@ mod tests {
         let seen = Observation::new(Sun::default(), views, stack([2.1, 4.2, 3.0, 5.0])).unwrap();
         let seen = seen.with_standard_error(Array3::from_elem((2, 1, 2), 0.2)).unwrap();
         let seen = seen.with_saturated(ndarray::array![[[false, false]], [[false, true]]]).unwrap();
-        let settings = InversionSettings {
-            model_error: 0.0,
-            least_error: 0.0,
-            camera_gain_error: 0.05,
-            ..InversionSettings::default()
+        let measurement = |pointing_error| {
+            let settings = InversionSettings {
+                model_error: 0.0,
+                least_error: 0.0,
+                camera_gain_error: 0.05,
+                pointing_error,
+                ..InversionSettings::default()
+            };
+            Measurement::new(&seen, &settings).unwrap()
         };
-        let measured = Measurement::new(&seen, &settings).unwrap();
         let images = stack([2.0, 4.0, 2.5, 6.0]);
-        let found = measured.gains(&images).unwrap();
+        let found = measurement(0.0).calibrations(&images).unwrap();
         // (2 x 2.1 + 4 x 4.2) / 0.04 + 400 over (4 + 16) / 0.04 + 400; the saturated pixel is bright
         // enough, and (2.5 x 3) / 0.04 + 400 over 6.25 / 0.04 + 400.
-        assert!((found[0] - (525.0 + 400.0) / (500.0 + 400.0)).abs() < 1e-6, "{found:?}");
-        assert!((found[1] - (187.5 + 400.0) / (156.25 + 400.0)).abs() < 1e-6, "{found:?}");
-        for values in [[2.0, 4.0, 2.5, 6.0], [2.2, 3.0, 3.0, 4.0]] {
+        assert!((found[0].gain - (525.0 + 400.0) / (500.0 + 400.0)).abs() < 1e-6, "{found:?}");
+        assert!((found[1].gain - (187.5 + 400.0) / (156.25 + 400.0)).abs() < 1e-6, "{found:?}");
+        let cases = [[2.0, 4.0, 2.5, 6.0], [2.2, 3.0, 3.0, 4.0]];
+        for (values, pointing_error) in cases.into_iter().flat_map(|v| [(v, 0.0), (v, 0.2)]) {
+            let slopes = [stack([0.5, -1.0, 2.0, 1.0]), stack([3.0, 1.0, 0.1, 2.0])];
+            let slopes = Some(slopes.map(|slopes| slopes.values));
+            let measured = measurement(pointing_error).of_views(&[[0.1, 0.0]; 2], slopes);
             let derivative = measured.derivative(&stack(values)).unwrap();
             for (n, found) in derivative.values.iter().enumerate() {
                 let moved = |step: f32| {

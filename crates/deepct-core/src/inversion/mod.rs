@@ -10,12 +10,14 @@
 //! where `x` are the extinction in the voxels of a mask, bounded between zero and a largest value, and
 //! the unknowns that describe the effective radius ([`Radius`]), for any forward model `F` that
 //! provides images and the derivatives of a weighted sum of them ([`ForwardModel`]). If the gains of
-//! the cameras are unknown, they take their most likely values at any `x`. From a uniform start, the
+//! the cameras or the directions in which they point are unknown, they take their most likely values at
+//! any `x` ([`Calibration`]). From a uniform start, the
 //! inversion first solves for blocks of voxels, on coarse grids on which an iteration is inexpensive.
 //! The optimiser is a bounded quasi-Newton method ([`Minimiser`]), preconditioned with the Hessian of
 //! the prior and an approximate Hessian of the misfit.
 
 mod blocks;
+mod calibration;
 mod checkpoint;
 mod conjugate_gradient;
 mod curvature;
@@ -34,6 +36,7 @@ mod scale;
 mod settings;
 mod variables;
 
+pub use calibration::Calibration;
 pub use checkpoint::Checkpoint;
 pub use hybrid::{QUICK_ITERATIONS, hybrid, network_grid};
 pub use measurement::Measurement;
@@ -41,6 +44,6 @@ pub use models::{Domain, Fields, ForwardModel, Models};
 pub use optimiser::{Bounds, Function, Minimiser, MinimiserSettings, Pair, Point, Step};
 pub use ordinates::{Band, OrdinatesModels, QUICK_TOLERANCE};
 pub use problem::{Problem, Start, shown};
-pub use reconstruction::{Ending, Explanation, Reconstruction, Record, Watch};
+pub use reconstruction::{Ending, Explanation, Reconstruction, Record, StandardErrors, Watch};
 pub use run::{invert, resume};
 pub use settings::{InversionSettings, Radius, Variable};

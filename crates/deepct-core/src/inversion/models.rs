@@ -50,6 +50,9 @@ pub struct Domain<'a> {
     /// The pixels `[view, row, col]` of each band that are included; the model may leave all others
     /// at 0.
     pub pixels: &'a [Array3<bool>],
+    /// The [`Calibration::offset`](super::Calibration::offset) of each view of each band: where the model
+    /// takes the pixels to be.
+    pub offsets: &'a [Vec<[f64; 2]>],
 }
 
 /// A source of forward models of the same images on any grid.

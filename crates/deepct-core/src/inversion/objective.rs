@@ -5,17 +5,17 @@ use super::curvature::Curvature;
 use super::optimiser::Function;
 use super::prior::Prior;
 use super::variables::{Unknowns, Variables};
-use super::{ForwardModel, InversionSettings, Measurement};
+use super::{Calibration, ForwardModel, InversionSettings, Measurement};
 use crate::error::Result;
 use crate::image::ViewStack;
-use crate::rng::{Purpose, RngExt, stream};
+use crate::rng::{Purpose, RngExt, Stream, stream};
 use crate::scene::Observation;
 
 /// The objective function on one grid.
 pub(super) struct Objective<'a> {
     pub(super) model: Box<dyn ForwardModel + 'a>,
     /// The measurement of each band.
-    pub(super) measurements: &'a [Measurement],
+    measurements: Vec<Measurement>,
     pub(super) variables: Variables,
     pub(super) prior: Prior,
     /// The point at which the second derivatives of the misfit were estimated.
@@ -34,7 +34,7 @@ pub(super) struct Objective<'a> {
 impl<'a> Objective<'a> {
     pub(super) fn new(
         model: Box<dyn ForwardModel + 'a>,
-        measurements: &'a [Measurement],
+        measurements: Vec<Measurement>,
         variables: Variables,
         prior: Prior,
     ) -> Self {
@@ -55,6 +55,23 @@ impl<'a> Objective<'a> {
     /// Sets the expected unknowns: the prior then applies to the difference from them.
     pub(super) fn expect(&mut self, unknowns: &Unknowns) {
         self.expected = self.variables.values(&self.variables.of(unknowns));
+    }
+
+    /// Replaces the measurements and the values that the prior expects by others of the same
+    /// distribution.
+    pub(super) fn disturb(&mut self, measurements: &[Measurement], random: &mut Stream) {
+        let other = measurements.iter().map(|band| band.with_other_noise(random));
+        self.measurements = other.collect();
+        self.prior.disturb(random);
+        self.forget();
+    }
+
+    /// The most likely calibration of each camera of each band at `x`.
+    pub(super) fn calibrations(&mut self, x: &[f64]) -> Result<Vec<Vec<Calibration>>> {
+        self.value(x)?;
+        let (_, images) = self.last.as_ref().expect("value() was called");
+        let bands = self.measurements.iter().zip(images);
+        bands.map(|(measured, images)| measured.calibrations(images)).collect()
     }
 
     /// The difference at `x` from the values that the prior expects.
@@ -205,9 +222,7 @@ impl Function for Objective<'_> {
         let pixels = self.pixels();
         let product = |change: &[f64]| -> Vec<f64> {
             let values: Vec<f64> = change.iter().zip(&slopes).map(|(c, s)| c * s).collect();
-            // The prior is quadratic: its gradient at a change is the product of its Hessian with
-            // the change.
-            let prior = self.prior.gradient(&values);
+            let prior = self.prior.times(&values);
             let mut product = curvature.times(change);
             for (i, product) in product.iter_mut().enumerate() {
                 *product = if free[i] { *product + slopes[i] * prior[i] / pixels } else { 0.0 };

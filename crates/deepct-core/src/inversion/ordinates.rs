@@ -141,7 +141,12 @@ impl OrdinatesModels {
     }
 
     /// The model of a band for a domain.
-    fn band(&self, band: &Band, pixels: &Array3<bool>, domain: &Domain) -> Result<OneBand> {
+    fn band(
+        &self,
+        band: &Band,
+        (pixels, offsets): (&Array3<bool>, &[[f64; 2]]),
+        domain: &Domain,
+    ) -> Result<OneBand> {
         let Domain { mask, expected, near, .. } = *domain;
         let fine = mask.grid.shape == band.scene.medium.extinction.grid.shape;
         let mut scene = band.scene.clone();
@@ -152,8 +157,11 @@ impl OrdinatesModels {
                 .and(&expected.extinction.values)
                 .map_collect(|inside, value| if *inside { value.max(LEAST_PREPARED) } else { 0.0 }),
         };
+        let views = band.views.iter().zip(offsets);
+        let views = views.map(|(view, offset)| view.framed(*offset, [view.rows, view.cols]));
+        let views = views.collect::<Result<Vec<_>>>()?;
         let make = |settings: &OrdinatesSettings| {
-            let mut model = OrdinatesModel::new(&scene, &band.views, Some(mask), settings)?;
+            let mut model = OrdinatesModel::new(&scene, &views, Some(mask), settings)?;
             model.look_at(pixels)?;
             model.stop_by(self.stop.clone());
             Ok::<_, Error>(model)
@@ -175,8 +183,8 @@ impl Models for OrdinatesModels {
     }
 
     fn model(&mut self, domain: &Domain) -> Result<Box<dyn ForwardModel + '_>> {
-        let bands = self.bands.iter().zip(domain.pixels);
-        let models = bands.map(|(band, pixels)| self.band(band, pixels, domain));
+        let seen = domain.pixels.iter().zip(domain.offsets.iter().map(Vec::as_slice));
+        let models = self.bands.iter().zip(seen).map(|(band, seen)| self.band(band, seen, domain));
         Ok(Box::new(Joint {
             bands: &self.bands,
             models: models.collect::<Result<_>>()?,
@@ -344,7 +352,9 @@ mod tests {
         };
         let fields =
             Fields { extinction: volume(5.0, 4.0), effective_radius: Some(volume(9.6, 0.11)) };
-        let domain = Domain { mask: &mask, expected: &fields, near: false, pixels: &pixels };
+        let offsets = [vec![[0.0, 0.0]], vec![[0.2, -0.3]]];
+        let (near, mask, pixels, offsets) = (false, &mask, &pixels[..], &offsets[..]);
+        let domain = Domain { mask, expected: &fields, near, pixels, offsets };
         let mut model = models.model(&domain).unwrap();
         let weight = |((v, row, col), _): ((usize, usize, usize), &f32)| {
             ((v * 31 + row * 7 + col * 3) % 11) as f32 / 5.0 - 0.7

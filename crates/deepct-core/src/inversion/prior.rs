@@ -1,7 +1,10 @@
 //! The prior: the extinction is smooth, and a network may have estimated its own uncertainty.
 
+use super::optimiser::dot;
 use crate::grid::Grid;
+use crate::rng::Stream;
 use ndarray::Array3;
+use rand_distr::{Distribution, StandardNormal};
 
 /// Half the sum over all voxels and axes of `(d extinction / d axis / typical)^2`, the negative
 /// logarithm of a Gaussian Markov random field. It includes only pairs of neighbours that are both
@@ -12,6 +15,9 @@ pub(super) struct Prior {
     pairs: Vec<(usize, usize, f64)>,
     /// The inverse variance of each variable; empty if the variances are not known.
     precisions: Vec<f64>,
+    /// Random errors of the expected differences and values, if the prior was disturbed: their product
+    /// with the Hessian, and their cost at 0.
+    errors: Option<(Vec<f64>, f64)>,
 }
 
 impl Prior {
@@ -42,7 +48,7 @@ impl Prior {
                 }
             }
         }
-        Self { pairs, precisions: Vec::new() }
+        Self { pairs, precisions: Vec::new(), errors: None }
     }
 
     /// Returns the prior with a standard error (1/km) of each variable.
@@ -52,7 +58,7 @@ impl Prior {
 
     /// The prior of independent variables with standard errors around 0.
     pub(super) fn independent(errors: &[f64]) -> Self {
-        Self { pairs: Vec::new(), precisions: Vec::new() }.with_errors(errors)
+        Self { pairs: Vec::new(), precisions: Vec::new(), errors: None }.with_errors(errors)
     }
 
     /// Returns the prior of `count` variables, followed by those of another prior.
@@ -64,28 +70,60 @@ impl Prior {
         self
     }
 
+    /// Replaces the expected differences and values, which are 0, by random ones with their standard
+    /// errors. The minimum of the prior then has the distribution of the prior.
+    pub(super) fn disturb(&mut self, random: &mut Stream) {
+        let mut normal = || -> f64 { StandardNormal.sample(random) };
+        let last = self.pairs.iter().map(|&(first, second, _)| first.max(second) + 1).max();
+        let (mut product, mut cost) =
+            (vec![0.0; last.unwrap_or(0).max(self.precisions.len())], 0.0);
+        for &(first, second, weight) in &self.pairs {
+            let error = normal();
+            product[first] += weight.sqrt() * error;
+            product[second] -= weight.sqrt() * error;
+            cost += 0.5 * error * error;
+        }
+        for (product, precision) in product.iter_mut().zip(&self.precisions) {
+            let error = normal();
+            *product += precision.sqrt() * error;
+            cost += 0.5 * error * error;
+        }
+        self.errors = Some((product, cost));
+    }
+
     pub(super) fn value(&self, extinction: &[f64]) -> f64 {
         let terms = self.pairs.iter().map(|&(first, second, weight)| {
             let difference = extinction[first] - extinction[second];
             weight * difference * difference
         });
         let squares = self.precisions.iter().zip(extinction).map(|(p, value)| p * value * value);
-        0.5 * (terms.sum::<f64>() + squares.sum::<f64>())
+        let value = 0.5 * (terms.sum::<f64>() + squares.sum::<f64>());
+        match &self.errors {
+            Some((errors, cost)) => value - dot(errors, extinction) + cost,
+            None => value,
+        }
     }
 
     pub(super) fn gradient(&self, extinction: &[f64]) -> Vec<f64> {
-        let mut gradient = vec![0.0; extinction.len()];
-        for ((gradient, precision), value) in
-            gradient.iter_mut().zip(&self.precisions).zip(extinction)
-        {
-            *gradient = precision * value;
-        }
-        for &(first, second, weight) in &self.pairs {
-            let push = weight * (extinction[first] - extinction[second]);
-            gradient[first] += push;
-            gradient[second] -= push;
+        let mut gradient = self.times(extinction);
+        if let Some((errors, _)) = &self.errors {
+            gradient.iter_mut().zip(errors).for_each(|(gradient, error)| *gradient -= error);
         }
         gradient
+    }
+
+    /// The product of the Hessian with a vector.
+    pub(super) fn times(&self, vector: &[f64]) -> Vec<f64> {
+        let mut product = vec![0.0; vector.len()];
+        for ((product, precision), value) in product.iter_mut().zip(&self.precisions).zip(vector) {
+            *product = precision * value;
+        }
+        for &(first, second, weight) in &self.pairs {
+            let push = weight * (vector[first] - vector[second]);
+            product[first] += push;
+            product[second] -= push;
+        }
+        product
     }
 
     /// The diagonal of the Hessian.
@@ -103,7 +141,9 @@ impl Prior {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::inversion::conjugate_gradient;
     use crate::math::DVec3;
+    use crate::rng::{Purpose, stream};
 
     /// Three voxels in a row along x, 0.5 km apart, have extinctions of 1, 4 and 2 /km: gradients
     /// of 6 and -4 over a typical one of 2 give (9 + 4) / 2.
@@ -133,5 +173,30 @@ mod tests {
         assert_eq!(more.diagonal(5), [1.0, 2.0, 1.0, 4.0, 0.0]);
         let after = Prior::independent(&[0.5]).followed_by(1, Prior::new(&grid, &shares, 1, 2.0));
         assert_eq!(after.gradient(&[3.0, 1.0, 4.0, 2.0]), [12.0, -3.0, 5.0, -2.0]);
+    }
+
+    /// A random walk of three voxels whose first one is known: variances of 1, 1 + 4 and 1 + 4 + 4, and
+    /// the covariance of the first two is 1.
+    #[test]
+    fn the_minimum_of_a_disturbed_prior_has_its_distribution() {
+        let grid = Grid::new(DVec3::ZERO, DVec3::splat(0.5), [1, 1, 3]).unwrap();
+        let shares = ndarray::array![[[1.0, 1.0, 1.0]]];
+        let mut prior = Prior::new(&grid, &shares, 1, 4.0);
+        prior.precisions = vec![1.0, 0.0, 0.0];
+        let mut random = stream(1, Purpose::Validation, &[]);
+        let (mut sums, count) = ([0.0; 4], 4000);
+        for _ in 0..count {
+            prior.disturb(&mut random);
+            let right = prior.gradient(&[0.0; 3]).into_iter().map(|g| -g).collect();
+            let x = conjugate_gradient::solve(|v| prior.times(v), &prior.diagonal(3), right);
+            assert!(prior.gradient(&x).iter().all(|slope| slope.abs() < 0.02));
+            assert!(prior.value(&x) >= -1e-3 && prior.value(&x) < prior.value(&[9.0, 0.0, 0.0]));
+            let products = [x[0] * x[0], x[1] * x[1], x[2] * x[2], x[0] * x[1]];
+            sums.iter_mut().zip(products).for_each(|(sum, product)| *sum += product);
+        }
+        for (sum, expected) in sums.into_iter().zip([1.0, 5.0, 9.0, 1.0]) {
+            let (found, error) = (sum / count as f64, 9.0 * (2.0 / count as f64).sqrt());
+            assert!((found - expected).abs() < 4.0 * error, "{found} {expected}");
+        }
     }
 }

@@ -1,9 +1,12 @@
 //! The result of an inversion and the record of its iterations.
 
-use super::Checkpoint;
+use super::{Calibration, Checkpoint, Fields};
 use crate::error::Result;
 use crate::grid::Volume;
+use crate::scene::Light;
+use ndarray::{Array3, ArrayView3};
 use serde::{Deserialize, Serialize};
+use std::f64::consts::PI;
 
 /// One iteration of an inversion.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -91,10 +94,61 @@ pub struct Reconstruction {
     pub extinction: Volume,
     /// The effective radius (um), 0 outside the mask; `None` if it was given.
     pub effective_radius: Option<Volume>,
+    /// `None` if [`InversionSettings::members`](super::InversionSettings::members) is 0.
+    pub standard_errors: Option<StandardErrors>,
+    /// The most likely calibration of the camera of each view of each band.
+    pub calibrations: Vec<Vec<Calibration>>,
     /// The record of each iteration.
     pub history: Vec<Record>,
     /// The reason why the inversion ended.
     pub ending: Ending,
+}
+
+/// Standard errors of a result in each voxel, 0 outside the mask: the spread of the results for images
+/// with other noise and with another prior.
+#[derive(Debug, Clone, PartialEq)]
+pub struct StandardErrors {
+    /// That of the extinction (1/km).
+    pub extinction: Volume,
+    /// That of the effective radius (um); `None` if it was given.
+    pub effective_radius: Option<Volume>,
+    /// That of the liquid water content (g/m3); `None` if the effective radius was given.
+    pub liquid_water_content: Option<Volume>,
+}
+
+impl StandardErrors {
+    /// The spread of at least two members, of which each is as likely as the others given the images.
+    pub(super) fn of(members: &[Fields], light: &Light) -> Result<Self> {
+        let water = |member: &Fields| {
+            let Fields { extinction, effective_radius } = member;
+            let droplets = effective_radius.as_ref().map(|r| light.droplets_of(extinction, r));
+            droplets.transpose().map(|droplets| droplets.map(|d| d.liquid_water_content))
+        };
+        let radii: Option<Vec<_>> =
+            members.iter().map(|m| m.effective_radius.as_ref().map(|r| r.values.view())).collect();
+        let water: Vec<_> = members.iter().map(water).collect::<Result<_>>()?;
+        let water: Option<Vec<_>> = water.iter().map(|w| Some(w.as_ref()?.view())).collect();
+        let grid = members[0].extinction.grid;
+        let volume = |values| Volume::new(grid, values);
+        let extinctions: Vec<_> = members.iter().map(|m| m.extinction.values.view()).collect();
+        Ok(Self {
+            extinction: volume(standard_deviation(&extinctions))?,
+            effective_radius: radii.map(|r| volume(standard_deviation(&r))).transpose()?,
+            liquid_water_content: water.map(|w| volume(standard_deviation(&w))).transpose()?,
+        })
+    }
+}
+
+/// The standard deviation of at least two samples of each voxel.
+fn standard_deviation(samples: &[ArrayView3<f32>]) -> Array3<f32> {
+    let count = samples.len() as f32;
+    let mut mean = Array3::zeros(samples[0].raw_dim());
+    samples.iter().for_each(|sample| mean.scaled_add(1.0 / count, sample));
+    let mut variance = Array3::<f32>::zeros(mean.raw_dim());
+    for sample in samples {
+        variance.scaled_add(1.0 / (count - 1.0), &(sample - &mean).mapv(|d| d * d));
+    }
+    variance.mapv(f32::sqrt)
 }
 
 impl Reconstruction {
@@ -108,6 +162,15 @@ impl Reconstruction {
             total += f64::from(*extinction);
         }
         (total > 0.0).then(|| sum / total).filter(|_| self.effective_radius.is_some())
+    }
+
+    /// The relative error epsilon that the standard errors of the extinction let expect, for errors
+    /// with a normal distribution; `None` if there are no standard errors, or no cloud.
+    pub fn expected_relative_error(&self) -> Option<f64> {
+        let errors = &self.standard_errors.as_ref()?.extinction.values;
+        let sum = |values: &Array3<f32>| values.iter().map(|value| f64::from(*value)).sum::<f64>();
+        let total = sum(&self.extinction.values);
+        (total > 0.0).then(|| (2.0 / PI).sqrt() * sum(errors) / total)
     }
 
     /// How well the extinction explains the images, by the misfit at the end.
@@ -130,6 +193,9 @@ impl Reconstruction {
 pub trait Watch {
     /// Called after each iteration.
     fn reached(&self, _record: &Record) {}
+
+    /// Called when the number of members, from which the standard errors follow, has increased.
+    fn has_members(&self, _count: usize) {}
 
     /// Called every few iterations with the state from which the inversion can be resumed.
     ///
@@ -170,6 +236,8 @@ mod tests {
         Reconstruction {
             extinction: Volume::constant(grid, 1.0),
             effective_radius: None,
+            standard_errors: None,
+            calibrations: Vec::new(),
             history: vec![record(0, 1e4), record(1, misfit)],
             ending: Ending::Stalled,
         }

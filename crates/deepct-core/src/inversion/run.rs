@@ -9,13 +9,15 @@ use super::radius::{DEVIATION_ERROR, DEVIATION_GRADIENT, PROFILE_ERROR, Profile}
 use super::scale::scale;
 use super::variables::{Unknowns, Variables};
 use super::{
-    Checkpoint, Domain, Ending, InversionSettings, Measurement, Models, Problem, Reconstruction,
-    Record, Start, Watch,
+    Calibration, Checkpoint, Domain, Ending, Fields, InversionSettings, Measurement, Models,
+    Problem, Reconstruction, Record, StandardErrors, Start, Watch,
 };
 use crate::error::{Error, Result};
 use crate::grid::{Grid, Mask, Volume};
+use crate::image::ViewStack;
 use crate::metrics;
 use crate::network::Estimate;
+use crate::rng::{Purpose, stream};
 use crate::scene::Observation;
 use ndarray::Array3;
 use std::time::Instant;
@@ -27,6 +29,9 @@ const PATIENCE: usize = 5;
 /// the model forgets the solution from which the next one would start, and the objective function is
 /// evaluated again, because the value found from another solution differs by more than a step gains.
 const KEPT: usize = 10;
+
+/// Shift (pixels) of views for the derivative of their images.
+const SHIFT: f64 = 0.25;
 
 /// Smallest uncertainty of a start (1/km), because voxels that a network estimates as clear may
 /// contain thin cloud.
@@ -141,6 +146,9 @@ struct Run<'a> {
     expected: Option<&'a Estimate>,
     stages: Vec<Stage>,
     history: Vec<Record>,
+    members: Vec<Fields>,
+    /// The most likely calibration of the camera of each view of each band at the end of the last stage.
+    calibrations: Vec<Vec<Calibration>>,
     /// The change of the value when the objective function was last evaluated again at one point.
     shift: f64,
     /// Time spent before the inversion was resumed (s).
@@ -195,6 +203,7 @@ impl<'a> Run<'a> {
             Start::Constant(_) | Start::Search => None,
         };
         let (history, began) = (Vec::new(), Instant::now());
+        let nominal = bands.iter().map(|band| vec![Calibration::NOMINAL; band.views.len()]);
         Ok(Self {
             bands,
             profile: Profile::new(settings.radius, &mask),
@@ -206,6 +215,8 @@ impl<'a> Run<'a> {
             expected,
             stages: stages(start, models.are_corrected(), settings),
             history,
+            members: Vec::new(),
+            calibrations: nominal.collect(),
             shift: 0.0,
             seconds: 0.0,
             began,
@@ -245,13 +256,29 @@ impl<'a> Run<'a> {
 
     /// The result with the given unknowns on the grid of the solution.
     fn reconstruction(self, unknowns: Unknowns, ending: Ending) -> Result<Reconstruction> {
-        let Unknowns { extinction, profile, deviations } = unknowns;
-        let deviations = deviations.values.mapv(f64::from);
-        let mut effective_radius = self.profile.volume(&self.mask.grid, &profile, &deviations)?;
-        if let Some(radius) = &mut effective_radius {
+        let effective_radius = self.radius(&unknowns)?;
+        let extinction = unknowns.extinction;
+        let Self { bands, members, calibrations, history, .. } = self;
+        let standard_errors = (members.len() > 1 && ending != Ending::Interrupted)
+            .then(|| StandardErrors::of(&members, &bands[0].light));
+        Ok(Reconstruction {
+            extinction,
+            effective_radius,
+            standard_errors: standard_errors.transpose()?,
+            calibrations,
+            history,
+            ending,
+        })
+    }
+
+    /// The effective radius (um) of unknowns, 0 outside the mask; `None` if it is given.
+    fn radius(&self, unknowns: &Unknowns) -> Result<Option<Volume>> {
+        let deviations = unknowns.deviations.values.mapv(f64::from);
+        let mut radius = self.profile.volume(&self.mask.grid, &unknowns.profile, &deviations)?;
+        if let Some(radius) = &mut radius {
             self.mask.apply(radius)?;
         }
-        Ok(Reconstruction { extinction, effective_radius, history: self.history, ending })
+        Ok(radius)
     }
 
     /// The prior of the variables of a level.
@@ -301,14 +328,18 @@ impl<'a> Run<'a> {
         let variables = Variables::new(*grid, shares, self.settings, profile);
         let prior = self.prior(level, &variables)?;
         let coarse_error = if *near { 0.0 } else { *block as f64 * self.settings.coarse_error };
-        let measurements = self.measurements.iter();
-        let measurements: Vec<_> =
-            measurements.map(|band| band.with_model_error(coarse_error)).collect();
+        let offsets = match &beginning {
+            Beginning::Unknowns(..) => self.offsets(),
+            Beginning::Checkpoint(checkpoint) => checkpoint.offsets.clone(),
+        };
         let from = match &beginning {
             Beginning::Unknowns(unknowns, _) => variables.of(&self.means(unknowns, *block)?),
             Beginning::Checkpoint(checkpoint) => {
                 let count = checkpoint.began_at.len();
-                if count != variables.len() || checkpoint.point.x.len() != count {
+                let views = checkpoint.offsets.iter().map(Vec::len);
+                let is_of_other_views = views.ne(self.bands.iter().map(|band| band.views.len()));
+                let other = checkpoint.point.x.len() != count || is_of_other_views;
+                if count != variables.len() || other {
                     return Err(Error::mismatch(
                         "number of variables in the checkpoint",
                         variables.len(),
@@ -321,10 +352,26 @@ impl<'a> Run<'a> {
         };
         let expected = variables.fields(&from)?;
         let mask = level.mask()?;
-        let pixels: Vec<_> = measurements.iter().map(Measurement::counted).collect();
-        let domain = Domain { mask: &mask, expected: &expected, near: *near, pixels: &pixels };
+        let pixels: Vec<_> = self.measurements.iter().map(Measurement::counted).collect();
+        let domain = Domain {
+            mask: &mask,
+            expected: &expected,
+            near: *near,
+            pixels: &pixels,
+            offsets: &offsets,
+        };
+        let slopes = match *near && self.settings.pointing_error > 0.0 {
+            true => slopes(models, &domain)?.into_iter().map(Some).collect(),
+            false => vec![None; self.bands.len()],
+        };
+        let measurements = self.measurements.iter().zip(&offsets).zip(slopes);
+        let measurements: Vec<_> = measurements
+            .map(|((band, offsets), slopes)| {
+                band.with_model_error(coarse_error).of_views(offsets, slopes)
+            })
+            .collect();
         let model = models.model(&domain)?;
-        let mut objective = Objective::new(model, &measurements, variables, prior);
+        let mut objective = Objective::new(model, measurements.clone(), variables, prior);
         if let Some(expected) = self.expected {
             let expected = self.begin_at(expected.extinction.clone());
             objective.expect(&self.means(&expected, *block)?);
@@ -345,10 +392,10 @@ impl<'a> Run<'a> {
         };
         if !resumed {
             self.note(level, &objective, &minimiser, 0)?;
-            self.keep(level, &objective, &minimiser, (0, &from))?;
+            self.keep(level, &objective, &minimiser, (0, &from, &offsets))?;
         }
         let most = if *near { self.settings.iterations } else { self.settings.coarse_iterations };
-        let ending = loop {
+        let mut ending = loop {
             if let Some(ending) = self.ended(iteration, most, level.number) {
                 break ending;
             }
@@ -360,14 +407,80 @@ impl<'a> Run<'a> {
             iteration += 1;
             self.note(level, &objective, &minimiser, iteration)?;
             if iteration.is_multiple_of(KEPT) {
-                self.keep(level, &objective, &minimiser, (iteration, &from))?;
+                self.keep(level, &objective, &minimiser, (iteration, &from, &offsets))?;
                 match self.evaluate_again(&mut minimiser, &mut objective) {
                     Err(Error::Interrupted) => break Ending::Interrupted,
                     done => done?,
                 }
             }
         };
-        Ok((self.answer(level, &objective, &minimiser.point().x)?, ending))
+        let x = minimiser.point().x.clone();
+        if ending != Ending::Interrupted {
+            self.calibrate(&mut objective, &x, &offsets)?;
+        }
+        if level.number + 1 == self.stages.len() && ending != Ending::Interrupted {
+            match self.spread(level, &mut objective, &measurements, &x) {
+                Err(Error::Interrupted) => ending = Ending::Interrupted,
+                done => done?,
+            }
+        }
+        Ok((self.answer(level, &objective, &x)?, ending))
+    }
+
+    /// Finds the calibrations at the solution `x` of a stage, whose model has these offsets.
+    fn calibrate(
+        &mut self,
+        objective: &mut Objective,
+        x: &[f64],
+        offsets: &[Vec<[f64; 2]>],
+    ) -> Result<()> {
+        self.calibrations = objective.calibrations(x)?;
+        let cameras = self.calibrations.iter_mut().flatten();
+        for (camera, [row, col]) in cameras.zip(offsets.iter().flatten()) {
+            camera.offset[0] += row;
+            camera.offset[1] += col;
+        }
+        Ok(())
+    }
+
+    /// The offsets of the views of each band, as far as they are known.
+    fn offsets(&self) -> Vec<Vec<[f64; 2]>> {
+        let bands = self.calibrations.iter();
+        bands.map(|cameras| cameras.iter().map(|camera| camera.offset).collect()).collect()
+    }
+
+    /// Finds the members at the solution `x` of the last stage. A member minimises
+    /// the objective function with other measurements and another prior; in a linear problem, members
+    /// have the distribution of the solution given the images (randomised maximum likelihood: Oliver, He
+    /// and Reynolds 1996).
+    fn spread(
+        &mut self,
+        level: &Level,
+        objective: &mut Objective,
+        measurements: &[Measurement],
+        x: &[f64],
+    ) -> Result<()> {
+        for number in 0..self.settings.members {
+            objective.disturb(measurements, &mut stream(0, Purpose::Members, &[number as u64]));
+            let bounds = objective.variables.bounds();
+            let settings = minimiser_settings(self.settings);
+            let mut minimiser = Minimiser::start(objective, x, bounds, settings)?;
+            let mut values = vec![minimiser.point().value];
+            while values.len() <= self.settings.iterations && !self.has_stalled(&values, 0.0) {
+                if self.watch.interrupted() {
+                    return Err(Error::Interrupted);
+                }
+                if let Step::NoDescent = minimiser.step(objective)? {
+                    break;
+                }
+                values.push(minimiser.point().value);
+            }
+            let found = self.answer(level, objective, &minimiser.point().x)?;
+            let effective_radius = self.radius(&found)?;
+            self.members.push(Fields { extinction: found.extinction, effective_radius });
+            self.watch.has_members(self.members.len());
+        }
+        Ok(())
     }
 
     /// Scales the start, estimates the second derivatives, and computes the first gradient.
@@ -437,12 +550,19 @@ impl<'a> Run<'a> {
         if iteration >= most {
             return Some(Ending::Iterations);
         }
-        let earlier = iteration.checked_sub(PATIENCE)?;
-        let before = here[earlier].value;
         let evaluated_again = iteration / KEPT * KEPT;
-        let shift = if (earlier..iteration).contains(&evaluated_again) { self.shift } else { 0.0 };
-        let decrease = before - last.value + shift;
-        (decrease < self.settings.change * before).then_some(Ending::Stalled)
+        let recent = iteration.saturating_sub(PATIENCE)..iteration;
+        let shift = if recent.contains(&evaluated_again) { self.shift } else { 0.0 };
+        let values: Vec<f64> = here.iter().map(|record| record.value).collect();
+        self.has_stalled(&values, shift).then_some(Ending::Stalled)
+    }
+
+    /// Whether the last iterations have hardly reduced the values of the objective function, of which
+    /// the last ones are larger by `shift` than the earlier ones.
+    fn has_stalled(&self, values: &[f64], shift: f64) -> bool {
+        let Some(earlier) = values.len().checked_sub(PATIENCE + 1) else { return false };
+        let (before, last) = (values[earlier], values[values.len() - 1]);
+        before - last + shift < self.settings.change * before
     }
 
     /// Records an iteration and passes it to the progress callback.
@@ -481,7 +601,7 @@ impl<'a> Run<'a> {
         level: &Level,
         objective: &Objective,
         minimiser: &Minimiser,
-        (iteration, began_at): (usize, &[f64]),
+        (iteration, began_at, offsets): (usize, &[f64], &[Vec<[f64; 2]>]),
     ) -> Result<()> {
         self.watch.keep(&Checkpoint {
             stage: level.number,
@@ -490,6 +610,7 @@ impl<'a> Run<'a> {
             probed_at: objective.probed_at().to_vec(),
             point: minimiser.point().clone(),
             pairs: minimiser.pairs().cloned().collect(),
+            offsets: offsets.to_vec(),
             history: self.history.clone(),
         })
     }
@@ -521,6 +642,35 @@ fn stages(start: &Start, corrected: bool, settings: &InversionSettings) -> Vec<S
     let first = (corrected && !matches!(start, Start::Estimate(_))).then_some(1);
     let far = coarse.iter().copied().chain(first).map(|block| Stage { block, near: false });
     far.chain(std::iter::repeat_n(near, corrections)).collect()
+}
+
+/// The change of the images of each band per row and per column by which all views are shifted, by
+/// central differences of the images of the expected fields.
+fn slopes(models: &mut dyn Models, domain: &Domain) -> Result<Vec<[Array3<f32>; 2]>> {
+    let mut along = Vec::new();
+    for axis in 0..2 {
+        let before = shifted(models, domain, (axis, -SHIFT))?;
+        let after = shifted(models, domain, (axis, SHIFT))?;
+        let bands = before.into_iter().zip(after);
+        let slopes =
+            bands.map(|(before, after)| (after.values - before.values) / (2.0 * SHIFT) as f32);
+        along.push(slopes.collect::<Vec<_>>());
+    }
+    let (cols, rows) = (along.remove(1), along.remove(0));
+    Ok(rows.into_iter().zip(cols).map(|(rows, cols)| [rows, cols]).collect())
+}
+
+/// The images of the expected fields where all views are shifted along an axis. Corrections of the
+/// images are left out: they are nearly the same for all shifts.
+fn shifted(
+    models: &mut dyn Models,
+    domain: &Domain,
+    (axis, distance): (usize, f64),
+) -> Result<Vec<ViewStack>> {
+    let mut offsets = domain.offsets.to_vec();
+    offsets.iter_mut().flatten().for_each(|offset| offset[axis] += distance);
+    let domain = Domain { offsets: &offsets, near: false, ..*domain };
+    models.model(&domain)?.images(domain.expected)
 }
 
 fn minimiser_settings(settings: &InversionSettings) -> MinimiserSettings {

@@ -55,6 +55,12 @@ pub struct InversionSettings {
     /// Standard error of the gain of each camera, relative to the calibrated one; the gains are then
     /// unknowns. 0 for gains that are known.
     pub camera_gain_error: f64,
+    /// Standard error (pixels, along rows and along columns) of the direction in which each camera
+    /// points; the directions are then unknowns. 0 for directions that are known.
+    pub pointing_error: f64,
+    /// Number of further inversions, of images with other noise and with another prior, whose spread
+    /// gives the standard errors of the result; 0 for no standard errors.
+    pub members: usize,
     /// Stop when the misfit, the mean square of the residuals over their standard errors, is at
     /// most this value (discrepancy principle of Morozov 1966: 1). 0 disables this criterion. A
     /// start whose uncertainty is used disables it too, because the inversion then seeks the most
@@ -116,6 +122,8 @@ impl Default for InversionSettings {
             start_error: 2.0,
             radius: Radius::Given,
             camera_gain_error: 0.0,
+            pointing_error: 0.0,
+            members: 0,
             misfit: 0.0,
             change: 1e-3,
         }
@@ -147,6 +155,7 @@ impl InversionSettings {
             ("typical_gradient", self.typical_gradient),
             ("start_error", self.start_error),
             ("camera_gain_error", self.camera_gain_error),
+            ("pointing_error", self.pointing_error),
             ("misfit", self.misfit),
             ("change", self.change),
         ];
@@ -154,6 +163,13 @@ impl InversionSettings {
             if !(value.is_finite() && value >= 0.0) {
                 return Err(Error::out_of_range(name, value, "finite and not negative"));
             }
+        }
+        if self.pointing_error > 1.0 {
+            let range = "at most 1 pixel: images are shifted to first order";
+            return Err(Error::out_of_range("pointing_error", self.pointing_error, range));
+        }
+        if self.members == 1 {
+            return Err(Error::out_of_range("members", 1, "0 or at least 2"));
         }
         if self.corrections == 0 {
             return Err(Error::out_of_range("corrections", 0, "at least 1"));

@@ -34,6 +34,7 @@ struct Header {
     stage: usize,
     iteration: usize,
     value: f64,
+    offsets: Vec<Vec<[f64; 2]>>,
     history: Vec<Record>,
 }
 
@@ -74,10 +75,15 @@ pub fn write_checkpoint(
     identity: &str,
 ) -> Result<()> {
     let path = path.as_ref();
-    let Checkpoint { stage, iteration, began_at, probed_at, point, pairs, history } = checkpoint;
-    let (stage, iteration, value) = (*stage, *iteration, point.value);
-    let (identity, history) = (identity.to_owned(), history.clone());
-    let header = Header { identity, stage, iteration, value, history };
+    let Checkpoint { began_at, probed_at, point, pairs, .. } = checkpoint;
+    let header = Header {
+        identity: identity.to_owned(),
+        stage: checkpoint.stage,
+        iteration: checkpoint.iteration,
+        value: point.value,
+        offsets: checkpoint.offsets.clone(),
+        history: checkpoint.history.clone(),
+    };
     let header = serde_json::to_string(&header).expect("plain numbers and text");
     let joined = |part: fn(&Pair) -> &[f64]| -> Vec<f64> {
         pairs.iter().flat_map(|pair| part(pair).iter().copied()).collect()
@@ -157,6 +163,7 @@ pub fn read_checkpoint(path: impl AsRef<Path>, identity: &str) -> Result<Checkpo
         probed_at,
         point: Point { x, value: header.value, gradient },
         pairs: pairs.collect(),
+        offsets: header.offsets,
         history: header.history,
     })
 }
@@ -185,6 +192,7 @@ mod tests {
             probed_at: vec![1.0, 0.3],
             point: Point { x: vec![0.7, 1e-17], value: 3.5, gradient: vec![-1.0, 1.0 / 3.0] },
             pairs: vec![pair(1.0), pair(1.0 / 7.0)],
+            offsets: vec![vec![[0.1, -0.2], [0.0, 0.0]], vec![[0.3, 1e-9]]],
             history: vec![record],
         }
     }

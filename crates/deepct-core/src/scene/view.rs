@@ -214,7 +214,7 @@ impl View {
     }
 
     /// The view of `[rows, cols]` pixels from the pixel `first` of this image, which may be outside it.
-    fn framed(&self, first: [f64; 2], [rows, cols]: [usize; 2]) -> Result<Self> {
+    pub(crate) fn framed(&self, first: [f64; 2], [rows, cols]: [usize; 2]) -> Result<Self> {
         let moved = |axis: usize, size: usize, whole: usize| {
             self.shift[axis] + first[axis] + 0.5 * size as f64 - 0.5 * whole as f64
         };

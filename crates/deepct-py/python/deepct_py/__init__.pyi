@@ -672,6 +672,8 @@ class Reconstruction:
         light: Light,
         effective_radius: Optional[ArrayLike] = None,
         *,
+        standard_errors: Optional[dict[str, ArrayLike]] = None,
+        calibrations: Optional[list[list[dict[str, Any]]]] = None,
         lineage: Optional[Lineage] = None,
     ) -> Reconstruction: ...
     @property
@@ -688,6 +690,10 @@ class Reconstruction:
     def light(self) -> Light: ...
     @property
     def effective_radius(self) -> Optional[_Floats]: ...
+    @property
+    def standard_errors(self) -> dict[str, _Floats]: ...
+    @property
+    def calibrations(self) -> list[list[dict[str, Any]]]: ...
     @property
     def lineage(self) -> Lineage: ...
     def to_netcdf(

@@ -353,6 +353,92 @@ fn a_gain_that_is_wrong_is_found() {
     assert!(ignored > found, "{known} {ignored} {found}");
 }
 
+/// One camera that points a quarter of a pixel to the north spoils the extinction unless its direction is
+/// unknown. Its image is computed with the pixels where they are.
+#[test]
+fn a_camera_that_points_elsewhere_is_found() {
+    let (extinction, _, [mut visible, _]) = microphysics();
+    visible.light.optics.effective_radius = Some(11.0);
+    let scene = visible.light.scene_of(extinction.clone()).unwrap();
+    let observed = |moved: f64| {
+        let mut views = visible.views.clone();
+        let target = extinction.grid.center() + DVec3::new(0.0, moved * 0.05, 0.0);
+        views[3] = View::orthographic(views[3].towards(), target, 0.05, [12, 12]).unwrap();
+        let mut model = OrdinatesModel::new(&scene, &views, None, &solver()).unwrap();
+        let images = model.images(&extinction).unwrap();
+        let error = images.values.mapv(|radiance| 0.002 * radiance + 1e-4);
+        let seen = Observation::new(visible.light.clone(), visible.views.clone(), images).unwrap();
+        seen.with_standard_error(error).unwrap()
+    };
+    let settings = |pointing_error| InversionSettings {
+        pointing_error,
+        model_error: 0.001,
+        ..droplet_settings(Radius::Given)
+    };
+    let mask = Mask::new(extinction.grid, extinction.values.mapv(|value| value > 0.0)).unwrap();
+    let solve = |moved: f64, pointing_error: f64| {
+        let (observation, settings) = (observed(moved), settings(pointing_error));
+        let bands = from_ref(&observation);
+        let mut models =
+            OrdinatesModels::of(bands, &extinction.grid, Radius::Given, solver()).unwrap();
+        let problem = Problem { bands, mask: &mask, truth: Some(&extinction) };
+        let found = invert(&problem, &mut models, &Start::Search, &settings, &()).unwrap();
+        (metrics::relative_error(&extinction, &found.extinction).unwrap(), found.calibrations)
+    };
+    let ((known, _), (ignored, nominal), (found, cameras)) =
+        (solve(0.0, 0.0), solve(0.25, 0.0), solve(0.25, 0.2));
+    assert_eq!(nominal, [[Calibration::NOMINAL; 6]]);
+    // If all cameras point elsewhere by the same distance, the cloud is elsewhere.
+    let others: Vec<_> = (0..6).filter(|n| *n != 3).map(|n| cameras[0][n].offset).collect();
+    let mean = |axis: usize| others.iter().map(|offset| offset[axis]).sum::<f64>() / 5.0;
+    let offset = [0, 1].map(|axis| cameras[0][3].offset[axis] - mean(axis));
+    assert!((offset[0] - 0.25).abs() < 0.05 && offset[1].abs() < 0.05, "{offset:?}");
+    assert!(found < 0.3 * ignored, "{known} {ignored} {found}");
+}
+
+/// Each pixel sees one voxel, whose start has an uncertainty of its own: the precision of the result is
+/// the sum of those of the start and of the radiance.
+#[test]
+fn standard_errors_are_those_of_independent_voxels() {
+    let grid = Grid::new(DVec3::ZERO, DVec3::splat(0.1), [1, 4, 4]).unwrap();
+    let truth = Volume::constant(grid, 3.0);
+    let view = View::orthographic(DVec3::Z, grid.center(), 0.1, [4, 4]).unwrap();
+    let mut models = Absorption { views: vec![view.clone()] };
+    let images = models.on(grid).of(&truth);
+    let noise = 0.02;
+    let seen = Observation::new(Sun::default(), vec![view], images).unwrap();
+    let seen = seen.with_standard_error(Array3::from_elem((1, 4, 4), noise)).unwrap();
+    let mask = Mask::new(grid, Array3::from_elem(grid.shape, true)).unwrap();
+    let problem = Problem { bands: from_ref(&seen), mask: &mask, truth: None };
+    let uncertainty = |voxel: (usize, usize, usize)| [0.05, 0.2, 0.5, 1.0][voxel.1];
+    let uncertainty = Volume::new(grid, Array3::from_shape_fn(grid.shape, uncertainty)).unwrap();
+    let start = Estimate { extinction: truth.clone(), uncertainty: Some(uncertainty.clone()) };
+    let members = 400;
+    let settings = InversionSettings {
+        members,
+        start_error: 1.0,
+        least_error: 0.0,
+        change: 1e-6,
+        ..settings()
+    };
+    let found = invert(&problem, &mut models, &start.into(), &settings, &()).unwrap();
+    let errors = found.standard_errors.unwrap();
+    assert!(errors.effective_radius.is_none() && errors.liquid_water_content.is_none());
+    // A radiance of 1 - exp(-0.3) changes by 0.1 exp(-0.3) per 1/km.
+    let radiance = noise as f64 / (0.1 * (-0.3_f64).exp());
+    for row in 0..4 {
+        let variances: f64 =
+            (0..4).map(|col| f64::from(errors.extinction.values[[0, row, col]]).powi(2)).sum();
+        let start = f64::from(uncertainty.values[[0, row, 0]]);
+        // Smaller uncertainties of a start are raised.
+        let start = start.max(LEAST_UNCERTAINTY);
+        let expected = (start.powi(-2) + radiance.powi(-2)).sqrt().recip();
+        let found = (variances / 4.0).sqrt();
+        let statistical = (8.0 * members as f64).sqrt().recip();
+        assert!((found / expected - 1.0).abs() < 4.0 * statistical, "{row}: {found} {expected}");
+    }
+}
+
 /// Models whose images are 10 % too dark, with a correction near the solution.
 struct TooDark(Absorption);
 

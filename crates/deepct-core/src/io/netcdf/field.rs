@@ -17,7 +17,7 @@ use serde::Deserialize;
 use std::path::Path;
 
 /// The dimensions of a field.
-const AXES: [&str; 3] = ["z", "y", "x"];
+pub(super) const AXES: [&str; 3] = ["z", "y", "x"];
 /// The dimension of the lower and the upper face of a voxel.
 const BOUNDS: &str = "bnds";
 
