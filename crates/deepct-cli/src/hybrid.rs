@@ -58,13 +58,13 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
     }
     let network = args.network.estimator(conv::Settings::default(), global.force)?;
     let first = &args.images[0];
-    let file = ImagesFile::open(first)?;
+    let file = ImagesFile::open_first_band(first)?;
     let grid = network_grid(&network, args.network.grid()?, &file);
     let grid = grid.map_err(Error::in_file(first))?;
     let run = Run { args, global, network, settings, given };
     let [_, rows, cols] = grid.shape;
     match rows.max(cols) > TILE + 2 * HALO {
-        true => run.field(file, grid),
+        true => run.field(grid),
         false => run.whole(grid),
     }
 }
@@ -90,7 +90,7 @@ impl<'a> Run<'a> {
     }
 
     /// The inversion of a field tile by tile.
-    fn field(&self, mut file: ImagesFile, grid: Grid) -> Result<Outcome> {
+    fn field(&self, grid: Grid) -> Result<Outcome> {
         let Self { args, global, network, .. } = self;
         let [images] = &args.images[..] else {
             let most = format!("1 for a field of more than {} columns", TILE + 2 * HALO);
@@ -106,6 +106,7 @@ impl<'a> Run<'a> {
                 return Err(Error::out_of_range(name, format!("not {usual}"), range));
             }
         }
+        let mut file = ImagesFile::open(images)?;
         let mut corner = file.part(0..1, 0..1)?;
         resolve_light(&mut corner, images, &self.given, global.quiet)?;
         let light = corner.light.clone();

@@ -16,7 +16,7 @@ use deepct_core::inversion::{
     Reconstruction, Start, invert, resume, shown,
 };
 use deepct_core::io::{
-    Provenance, inversion_identity, read_checkpoint, read_cloud, read_mask, read_observation,
+    Provenance, inversion_identity, read_checkpoint, read_cloud, read_mask, read_observations,
     write_reconstruction,
 };
 use deepct_core::math::DVec3;
@@ -89,18 +89,20 @@ impl Flags {
     }
 }
 
-/// Reads the images of each band; the given values replace those of their scene illumination.
+/// Reads the images of each band, of which a file may contain several; the given values replace those of their scene illumination.
 pub(crate) fn read_bands(
     paths: &[PathBuf],
     given: &Values,
     global: &Global,
 ) -> Result<Vec<Observation>> {
-    let read = |path: &PathBuf| {
-        let mut observation = read_observation(path)?;
-        resolve_light(&mut observation, path, given, global.quiet)?;
-        Ok(observation)
-    };
-    paths.iter().map(read).collect()
+    let mut bands = Vec::new();
+    for path in paths {
+        for mut observation in read_observations(path)? {
+            resolve_light(&mut observation, path, given, global.quiet)?;
+            bands.push(observation);
+        }
+    }
+    Ok(bands)
 }
 
 fn parse_radius(name: &str) -> Result<Radius> {

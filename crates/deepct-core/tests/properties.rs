@@ -103,6 +103,27 @@ fn images_are_proportional_to_the_irradiance() {
     }
 }
 
+/// Gases above the cloud absorb the sunlight before and what a camera sees after it is scattered.
+#[test]
+fn gases_absorb_on_both_ways() {
+    let medium = box_of(20.0, [4, 5, 6]);
+    let views = Formation::cloudct_10().views(medium.extinction.grid.center(), [6, 6]).unwrap();
+    for solver in [monte_carlo(16), ordinates()] {
+        let images = |gas_optical_depth| {
+            let sun = Sun::from_degrees(60.0, 10.0).unwrap();
+            let scene = Scene::new(medium.clone(), sun, Surface::OCEAN).unwrap();
+            let scene = Scene { gas_optical_depth, ..scene };
+            render(&scene, &views, &solver, &()).unwrap().images.values
+        };
+        let (clear, absorbed) = (images(0.0), images(0.1));
+        for (((view, row, col), clear), absorbed) in clear.indexed_iter().zip(&absorbed) {
+            let ray = views[view].ray(row as f64 + 0.5, col as f64 + 0.5);
+            let passed = (-0.1 * (2.0 + 1.0 / -ray.direction.z)).exp() as f32;
+            assert!((clear * passed - absorbed).abs() <= 1e-5 * clear, "{clear} {absorbed}");
+        }
+    }
+}
+
 fn inside(one: &Mask, other: &Mask) -> bool {
     one.values.iter().zip(&other.values).all(|(one, other)| !one || *other)
 }

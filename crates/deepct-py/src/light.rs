@@ -30,6 +30,9 @@ use std::path::{Path, PathBuf};
 ///     Wavelength (um).
 /// air : bool, False
 ///     Whether the scene includes the molecular (Rayleigh-scattering) atmosphere.
+/// gas_optical_depth : float, optional
+///     Vertical optical depth of the gases above the clouds that absorb at the wavelength, such as water
+///     vapour and carbon dioxide. By default they do not absorb.
 /// surface_albedo : float, 0.05
 ///     Lambertian albedo of the surface.
 /// surface_altitude_km : float, 0
@@ -97,8 +100,8 @@ impl Light {
         signature = (*, sun = None, assumed = Vec::new(), **values),
         text_signature = "(*, sun_zenith_deg=30.0, sun_azimuth_deg=45.0, sun=None, \
                           solar_irradiance=1.0, wavelength=0.672, air=False, \
-                          surface_albedo=0.05, surface_altitude_km=0.0, wind_speed=None, \
-                          periodic=False, phase='hg', extinction='geometric', asymmetry=0.86, \
+                          gas_optical_depth=None, surface_albedo=0.05, \
+                          surface_altitude_km=0.0, wind_speed=None, periodic=False, phase='hg', extinction='geometric', asymmetry=0.86, \
                           single_scattering_albedo=1.0, distribution='gamma', bandwidth=0.0, \
                           effective_variance=None, effective_radius=None, assumed=())",
     )]
@@ -199,6 +202,7 @@ values! {
     "Solar irradiance on a surface normal to the beam." solar_irradiance
     "Wavelength (um)." wavelength
     "Whether the scene includes the molecular (Rayleigh-scattering) atmosphere." air
+    "Vertical optical depth of the absorbing gases above the clouds; None without them." gas_optical_depth
     "Lambertian albedo of the surface." surface_albedo
     "Altitude of the surface (km)." surface_altitude_km
     "Wind speed over the ocean (m/s); None for a surface without waves." wind_speed

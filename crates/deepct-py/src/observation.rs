@@ -209,6 +209,21 @@ pub(crate) struct Given<'py> {
     pub(crate) saturated: Option<Bound<'py, PyAny>>,
 }
 
+impl Given<'_> {
+    /// Returns an error if something is given that belongs to the images of each band.
+    fn belongs_to_no_band(&self) -> PyResult<()> {
+        let Self { views, light, standard_error, saturated } = self;
+        let parts = standard_error.is_some() || saturated.is_some();
+        if views.is_none() && light.is_none() && !parts {
+            return Ok(());
+        }
+        Err(PyValueError::new_err(
+            "views, light, standard_error and saturated belong to the images of each band: omit the \
+             arguments",
+        ))
+    }
+}
+
 /// Whether an argument is that of images with all that belongs to them: an `Observation`, a data set of
 /// xarray or the name of a file.
 pub(crate) fn is_complete(radiance: &Bound<'_, PyAny>) -> PyResult<bool> {
@@ -275,17 +290,24 @@ pub(crate) fn observations(
 ) -> PyResult<Vec<scene::Observation>> {
     match radiance.extract::<Vec<Bound<'_, Observation>>>() {
         Ok(bands) if !bands.is_empty() => {
-            let parts = [given.standard_error.is_some(), given.saturated.is_some()];
-            if given.views.is_some() || given.light.is_some() || parts.contains(&true) {
-                return Err(PyValueError::new_err(
-                    "views, light, standard_error and saturated belong to the images of each band: \
-                     omit the arguments",
-                ));
-            }
+            given.belongs_to_no_band()?;
             bands.iter().map(|band| band.get().core(radiance.py())).collect()
         }
-        _ => Ok(vec![observation(radiance, given, default_light)?]),
+        _ => match several_bands(radiance)? {
+            Some(bands) => {
+                given.belongs_to_no_band()?;
+                Ok(bands)
+            }
+            None => Ok(vec![observation(radiance, given, default_light)?]),
+        },
     }
+}
+
+/// The images of a file with several bands.
+fn several_bands(radiance: &Bound<'_, PyAny>) -> PyResult<Option<Vec<scene::Observation>>> {
+    let Ok(path) = radiance.extract::<PathBuf>() else { return Ok(None) };
+    let bands = io::read_observations(path).map_err(raise)?;
+    Ok((bands.len() > 1).then_some(bands))
 }
 
 fn assembled(

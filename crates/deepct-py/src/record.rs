@@ -114,6 +114,14 @@ pub(crate) fn equal<T: Record>(
 }
 
 fn same_values(one: &Bound<'_, PyAny>, other: &Bound<'_, PyAny>) -> PyResult<bool> {
+    if let (Ok(one), Ok(other)) = (one.cast::<PyDict>(), other.cast::<PyDict>()) {
+        let mut same = one.len() == other.len();
+        for (name, value) in one {
+            let found = other.get_item(name)?;
+            same = same && found.map_or(Ok(false), |found| same_values(&value, &found))?;
+        }
+        return Ok(same);
+    }
     if one.cast::<PyUntypedArray>().is_err() {
         return one.eq(other);
     }
@@ -124,11 +132,11 @@ fn same_values(one: &Bound<'_, PyAny>, other: &Bound<'_, PyAny>) -> PyResult<boo
 }
 
 /// A hash that is the same for equal objects. Arrays, whose values can be changed, contribute their
-/// shape only, and lists of dicts nothing.
+/// shape only, and dicts and lists of them nothing.
 pub(crate) fn hash<T: Record>(of: &Bound<'_, T>) -> PyResult<isize> {
     let mut parts = vec![of.as_any().get_type().into_any()];
     for (name, value) in value(of)? {
-        if value.cast::<PyList>().is_ok_and(has_dicts) {
+        if has_dicts(&value) {
             continue;
         }
         parts.push(name);
@@ -143,9 +151,11 @@ pub(crate) fn hash<T: Record>(of: &Bound<'_, T>) -> PyResult<isize> {
     PyTuple::new(of.py(), parts)?.hash()
 }
 
-/// Whether a list has dicts, as the history of an inversion.
-fn has_dicts(list: &Bound<'_, PyList>) -> bool {
-    list.iter().any(|item| item.is_instance_of::<PyDict>())
+/// Whether an object is or contains dicts, as the history of an inversion.
+fn has_dicts(object: &Bound<'_, PyAny>) -> bool {
+    let items = object.cast::<PyList>();
+    object.is_instance_of::<PyDict>()
+        || items.is_ok_and(|list| list.iter().any(|item| has_dicts(&item)))
 }
 
 /// The object as the call that makes it, in which arrays are summarised.
@@ -199,8 +209,13 @@ fn summary(value: &Bound<'_, PyAny>) -> PyResult<String> {
     if let Ok(bytes) = value.cast::<PyBytes>() {
         return Ok(format!("<{} bytes>", bytes.as_bytes().len()));
     }
+    if let Ok(dict) = value.cast::<PyDict>() {
+        let items =
+            dict.iter().map(|(name, item)| Ok(format!("{}: {}", name.repr()?, summary(&item)?)));
+        return Ok(format!("{{{}}}", items.collect::<PyResult<Vec<_>>>()?.join(", ")));
+    }
     let Ok(list) = value.cast::<PyList>() else { return Ok(value.repr()?.to_string()) };
-    if has_dicts(list) || list.is_empty() {
+    if has_dicts(list.as_any()) || list.is_empty() {
         return Ok(format!("<list of {}>", list.len()));
     }
     let mut items = Vec::new();

@@ -8,7 +8,7 @@ use ndarray::Array3;
 
 /// Unit of the variables of the logarithm of a radius, and of that of the altitude of the cloud base
 /// (km). As for the extinction, a change by 1 is small.
-const LOGARITHM: f64 = 0.05;
+pub(super) const LOGARITHM: f64 = 0.05;
 const ALTITUDE: f64 = 0.02;
 /// Radius (um) at the reference altitude that the prior expects, with a standard error of a factor of
 /// 1.65; it is also the start.
@@ -16,10 +16,6 @@ const EXPECTED: f64 = 10.0;
 /// Standard error of both variables of the profile in the prior: 0.5 in the logarithm of the radius,
 /// and 0.2 km in the altitude of the base.
 pub(super) const PROFILE_ERROR: f64 = 10.0;
-/// Standard error of the deviations in the prior, 0.15 in the logarithm of the radius, and their
-/// typical gradient (over 1 km), 1.5.
-pub(super) const DEVIATION_ERROR: f64 = 3.0;
-pub(super) const DEVIATION_GRADIENT: f64 = 30.0;
 /// Height of the reference altitude, and largest height of the base, above the bottom of the mask,
 /// relative to the height of its top.
 const REFERENCE: f64 = 0.6;

@@ -5,7 +5,7 @@ use super::objective::Objective;
 use super::optimiser::{Function, Minimiser, MinimiserSettings, Step};
 use super::prior::Prior;
 use super::problem::shown;
-use super::radius::{DEVIATION_ERROR, DEVIATION_GRADIENT, PROFILE_ERROR, Profile};
+use super::radius::{LOGARITHM, PROFILE_ERROR, Profile};
 use super::scale::scale;
 use super::variables::{Unknowns, Variables};
 use super::{
@@ -295,8 +295,11 @@ impl<'a> Run<'a> {
         let deviations = variables.of_deviations();
         let deviations = match deviations.len() {
             0 => Prior::independent(&[]),
-            count => Prior::new(grid, shares, *block, DEVIATION_GRADIENT)
-                .with_errors(&vec![DEVIATION_ERROR; count]),
+            count => {
+                let InversionSettings { radius_error, radius_gradient, .. } = self.settings;
+                let errors = vec![radius_error / LOGARITHM; count];
+                Prior::new(grid, shares, *block, radius_gradient / LOGARITHM).with_errors(&errors)
+            }
         };
         let before = variables.of_profile();
         Ok(prior.followed_by(before.start, profile).followed_by(before.end, deviations))

@@ -52,6 +52,12 @@ pub struct InversionSettings {
     pub start_error: f64,
     /// The unknowns that describe the effective radius.
     pub radius: Radius,
+    /// With [`Radius::Field`], the standard error of the logarithm of the radius of each voxel relative to
+    /// the profile.
+    pub radius_error: f64,
+    /// With [`Radius::Field`], the typical gradient of this logarithm (per km); 0 disables this term of the
+    /// prior.
+    pub radius_gradient: f64,
     /// Standard error of the gain of each camera, relative to the calibrated one; the gains are then
     /// unknowns. 0 for gains that are known.
     pub camera_gain_error: f64,
@@ -121,6 +127,8 @@ impl Default for InversionSettings {
             typical_gradient: 1200.0,
             start_error: 2.0,
             radius: Radius::Given,
+            radius_error: 0.5,
+            radius_gradient: 10.0,
             camera_gain_error: 0.0,
             pointing_error: 0.0,
             members: 0,
@@ -154,6 +162,7 @@ impl InversionSettings {
             ("coarse_error", self.coarse_error),
             ("typical_gradient", self.typical_gradient),
             ("start_error", self.start_error),
+            ("radius_gradient", self.radius_gradient),
             ("camera_gain_error", self.camera_gain_error),
             ("pointing_error", self.pointing_error),
             ("misfit", self.misfit),
@@ -163,6 +172,11 @@ impl InversionSettings {
             if !(value.is_finite() && value >= 0.0) {
                 return Err(Error::out_of_range(name, value, "finite and not negative"));
             }
+        }
+        if !(0.001..=1.0).contains(&self.radius_error) {
+            let range =
+                "from 0.001 to 1: a radius deviates by at most a factor of 2 from the profile";
+            return Err(Error::out_of_range("radius_error", self.radius_error, range));
         }
         if self.pointing_error > 1.0 {
             let range = "at most 1 pixel: images are shifted to first order";

@@ -36,9 +36,9 @@ pub use netcdf::{
     ReferenceDroplets, ReferenceView, Time, allow_external_files, configuration, endless_reading,
     incomplete, read_cloud, read_content, read_derived_observation, read_drawing, read_estimate,
     read_extinction, read_grid, read_implausible_cloud, read_light, read_lineage, read_mask,
-    read_observation, read_reference_droplets, read_reference_extinction, read_reference_view,
-    read_volume, write_cloud, write_estimate, write_mask, write_observation, write_reconstruction,
-    write_sample, write_volume,
+    read_observation, read_observations, read_reference_droplets, read_reference_extinction,
+    read_reference_view, read_volume, write_cloud, write_estimate, write_mask, write_observation,
+    write_reconstruction, write_sample, write_volume,
 };
 #[cfg(feature = "files")]
 pub use origin::is_replaceable;

@@ -36,11 +36,18 @@ pub struct Light {
     /// Whether the molecular atmosphere (Rayleigh scattering of the standard atmosphere) is
     /// included.
     pub air: bool,
+    /// Vertical optical depth of the gases above the clouds that absorb at the wavelength, such as water
+    /// vapour and carbon dioxide: sunlight passes through them before, and what the cameras observe
+    /// after, it is scattered.
+    pub gas_optical_depth: f64,
     /// The surface below the cloud.
     pub surface: Surface,
     /// The lateral boundary condition.
     pub boundary: Boundary,
 }
+
+/// Largest vertical optical depth of absorbing gases.
+const MOST_GAS: f64 = 5.0;
 
 /// Model of the droplet optics: extinction, phase function and single-scattering albedo.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -120,6 +127,7 @@ impl Default for Light {
             wavelength: 0.672,
             optics: DropletOpticsModel::default(),
             air: false,
+            gas_optical_depth: 0.0,
             surface: Surface::OCEAN,
             boundary: Boundary::Open,
         }
@@ -174,6 +182,10 @@ impl Light {
         if !(0.1..=100.0).contains(&self.wavelength) {
             let range = "from 0.1 to 100 um (red light has 0.672 um)";
             return Err(Error::out_of_range("wavelength", self.wavelength, range));
+        }
+        if !(0.0..=MOST_GAS).contains(&self.gas_optical_depth) {
+            let range = format!("from 0 to {MOST_GAS}: with more, there is no light to see");
+            return Err(Error::out_of_range("gas_optical_depth", self.gas_optical_depth, range));
         }
         let width = self.optics.bandwidth;
         if !(0.0..2.0 * self.wavelength).contains(&width) {
@@ -272,6 +284,7 @@ impl Light {
         let medium = self.medium(cloud, table)?;
         let surface = self.surface.at(self.wavelength)?;
         let scene = Scene::new(medium, self.sun, surface)?.with_boundary(self.boundary);
+        let scene = Scene { gas_optical_depth: self.gas_optical_depth, ..scene };
         Ok(match self.air {
             true => scene.with_air(Air::new(self.wavelength)?),
             false => scene,

@@ -109,6 +109,8 @@ pub struct Scene {
     pub boundary: Boundary,
     /// The molecular atmosphere around and above the cloud; `None` omits it.
     pub air: Option<Air>,
+    /// Vertical optical depth of the absorbing gases above the cloud.
+    pub gas_optical_depth: f64,
 }
 
 impl Scene {
@@ -127,7 +129,16 @@ impl Scene {
                 format!("at or below the bottom of the grid ({bottom} km)"),
             ));
         }
-        Ok(Self { medium, sun, surface, boundary: Boundary::Open, air: None })
+        let (boundary, air, gas_optical_depth) = (Boundary::Open, None, 0.0);
+        Ok(Self { medium, sun, surface, boundary, air, gas_optical_depth })
+    }
+
+    /// The factor of what a line of sight shows: the solar irradiance that gases above the cloud let
+    /// through and, of what is seen from above, the share that they let through on the way back.
+    pub(crate) fn brightness(&self, line_of_sight: DVec3) -> f64 {
+        let seen = if line_of_sight.z < 0.0 { -1.0 / line_of_sight.z } else { 0.0 };
+        let paths = 1.0 / self.sun.towards().z + seen;
+        self.sun.irradiance * (-self.gas_optical_depth * paths).exp()
     }
 
     /// The same scene with the given lateral boundary condition.

@@ -212,9 +212,13 @@ pub(super) fn render(
         round += 1;
         interrupted = watch.interrupted() && count > 0;
     }
-    let irradiance = scene.sun.irradiance;
+    let brightness = |pixel: usize| {
+        let (view, row, col) = (pixel / (rows * cols), pixel / cols % rows, pixel % cols);
+        scene.brightness(views[view].ray(row as f64 + 0.5, col as f64 + 0.5).direction)
+    };
     let stack = |value: fn(Radiance) -> f64| {
-        let values = film.sums.iter().map(|sums| value(sums.radiance(irradiance)) as f32);
+        let pixels = film.sums.iter().enumerate();
+        let values = pixels.map(|(n, sums)| value(sums.radiance(brightness(n))) as f32);
         let shape = (views.len(), rows, cols);
         ViewStack::new(Array3::from_shape_vec(shape, values.collect()).expect("matching shape"))
     };
@@ -242,7 +246,7 @@ pub(super) fn radiances(
     let radiance = |(number, ray): (usize, &Ray)| {
         let mut rng = stream(settings.seed, Purpose::Transport, &[number as u64]);
         let sums = Sums::draw(count, || tracer.radiance(ray, &mut rng));
-        sums.radiance(scene.sun.irradiance)
+        sums.radiance(scene.brightness(ray.direction))
     };
     Ok(rays.par_iter().enumerate().map(radiance).collect())
 }

@@ -185,6 +185,7 @@ class Light:
         solar_irradiance: float = 1.0,
         wavelength: float = 0.672,
         air: bool = False,
+        gas_optical_depth: Optional[float] = None,
         surface_albedo: float = 0.05,
         surface_altitude_km: float = 0.0,
         wind_speed: Optional[float] = None,
@@ -217,6 +218,8 @@ class Light:
     def wavelength(self) -> float: ...
     @property
     def air(self) -> bool: ...
+    @property
+    def gas_optical_depth(self) -> Optional[float]: ...
     @property
     def surface_albedo(self) -> float: ...
     @property

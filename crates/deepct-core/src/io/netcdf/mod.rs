@@ -34,7 +34,9 @@ pub use guard::{allow_external_files, endless_reading};
 use hdf5_file::is_hdf5;
 pub use light::read_light;
 pub use lineage::{Lineage, Time, read_lineage};
-pub use observation::{ImagesFile, read_derived_observation, read_observation, write_observation};
+pub use observation::{
+    ImagesFile, read_derived_observation, read_observation, read_observations, write_observation,
+};
 pub(crate) use read::{Input, Variable};
 pub use reconstruction::write_reconstruction;
 pub use reference::{

@@ -84,6 +84,37 @@ pub fn read_observation(path: impl AsRef<Path>) -> Result<Observation> {
     Ok(read_derived_observation(path)?.0)
 }
 
+/// Read the images of each band: those of a file whose radiances are on the dimension of `wavelength`, or
+/// those of one wavelength. Variables that are not on this dimension hold for all bands.
+///
+/// # Errors
+/// As [`read_observation`].
+pub fn read_observations(path: impl AsRef<Path>) -> Result<Vec<Observation>> {
+    let path = path.as_ref();
+    let Some((dimension, count)) = bands(&Input::open(path)?)? else {
+        return Ok(vec![read_observation(path)?]);
+    };
+    let band = |number| {
+        let file = ImagesFile::of(Input::open(path)?.at(&dimension, number))?;
+        file.observation(file.views.clone())
+    };
+    (0..count).map(band).collect()
+}
+
+/// The dimension of the wavelengths of radiances, and its length; `None` if there is one wavelength without
+/// a dimension.
+fn bands(input: &Input) -> Result<Option<(String, usize)>> {
+    if !input.has("wavelength") || !input.has("radiance") {
+        return Ok(None);
+    }
+    let (wavelength, radiance) = (input.variable("wavelength")?, input.variable("radiance")?);
+    let &[count] = wavelength.shape.as_slice() else { return Ok(None) };
+    let dimension = wavelength.dimension(0).filter(|name| *name != "view");
+    let axes = 0..radiance.shape.len();
+    let of_radiance = |name: &&str| axes.clone().any(|axis| radiance.dimension(axis) == Some(name));
+    Ok(dimension.filter(of_radiance).map(|name| (name.to_owned(), count)))
+}
+
 /// As [`read_observation`], with a sentence about each property of the cameras and images that the file
 /// does not state and that was derived from others.
 ///
@@ -116,6 +147,32 @@ impl ImagesFile {
     /// As [`read_observation`].
     pub fn open(path: impl AsRef<Path>) -> Result<Self> {
         let input = Input::open(path.as_ref())?;
+        match bands(&input)? {
+            None => Self::of(input),
+            Some((dimension, 1)) => Self::of(input.at(&dimension, 0)),
+            Some((dimension, count)) => {
+                let remedy = format!(
+                    "`invert` and `hybrid` read all of them; for other commands, write each to a file of \
+                     its own (in xarray, images.isel({dimension}=0).to_netcdf(\"band_0.nc\"))"
+                );
+                Err(input.error("wavelength", format!("has {count} values"), &remedy))
+            }
+        }
+    }
+
+    /// As [`ImagesFile::open`], for the first band of a file that may contain several.
+    ///
+    /// # Errors
+    /// As [`read_observation`].
+    pub fn open_first_band(path: impl AsRef<Path>) -> Result<Self> {
+        let input = Input::open(path.as_ref())?;
+        match bands(&input)? {
+            None => Self::of(input),
+            Some((dimension, _)) => Self::of(input.at(&dimension, 0)),
+        }
+    }
+
+    fn of(input: Input) -> Result<Self> {
         let axes = pixel_axes(&input)?;
         let pixels = ["view", axes[0], axes[1]];
         let relative = is_relative_to_the_irradiance(&input)?;

@@ -27,6 +27,8 @@ pub(crate) struct Input {
     axes: Option<[String; 3]>,
     /// The parts of dimensions that are read, by their names; others are read as a whole.
     parts: BTreeMap<String, Range<usize>>,
+    /// A dimension of which one index is read, as if variables did not have it.
+    selected: Option<(String, usize)>,
     /// Size of the file (bytes).
     bytes: f64,
     container: Container,
@@ -41,6 +43,8 @@ pub(crate) struct Variable<'a> {
     pub(crate) shape: Vec<usize>,
     /// The first index that is read along each stored axis.
     first: Vec<usize>,
+    /// The stored axis of which one index is read.
+    selected: Option<usize>,
     /// The name of the dimension along each axis, where the file specifies it.
     dimensions: Vec<Option<String>>,
     /// Whether the names of the dimensions are those of [`Input::with_axes`].
@@ -67,7 +71,8 @@ impl Input {
         let _reading = Reading::start(path, bytes);
         let container = Container::open(path)?;
         let (units, parts) = (BTreeMap::new(), BTreeMap::new());
-        Ok(Self { path: path.into(), units, axes: None, parts, bytes, container })
+        let path = path.into();
+        Ok(Self { path, units, axes: None, parts, selected: None, bytes, container })
     }
 
     /// The same file with units that replace those of its variables.
@@ -94,6 +99,11 @@ impl Input {
     /// Read only parts of these dimensions from now on, and others as a whole.
     pub(crate) fn read_parts(&mut self, parts: impl IntoIterator<Item = (String, Range<usize>)>) {
         self.parts = parts.into_iter().collect();
+    }
+
+    /// The same file at one index of a dimension: variables on it are read as if they did not have it.
+    pub(crate) fn at(self, dimension: &str, index: usize) -> Self {
+        Self { selected: Some((dimension.to_owned(), index)), ..self }
     }
 
     /// An error about a field of this file.
@@ -141,7 +151,16 @@ impl Input {
                     (part.start, part.end.min(shape[axis]).saturating_sub(part.start));
             }
         }
-        let order = (0..shape.len()).collect();
+        let mut order: Vec<usize> = (0..shape.len()).collect();
+        let index = self.selected.as_ref();
+        let named = |name: &String| dimensions.iter().position(|own| own.as_ref() == Some(name));
+        let selected = index.and_then(|(name, _)| named(name)).filter(|axis| *axis < shape.len());
+        if let (Some(axis), Some((_, index))) = (selected, index) {
+            first[axis] = *index;
+            shape.remove(axis);
+            dimensions.remove(axis);
+            order.remove(axis);
+        }
         Ok(Variable {
             input: self,
             // The coordinate of a dimension may consist of integers.
@@ -153,6 +172,7 @@ impl Input {
             stored,
             order,
             first,
+            selected,
         })
     }
 
@@ -261,17 +281,23 @@ impl Variable<'_> {
         if let Some(order) = order.filter(|order| order.len() == self.shape.len()) {
             self.shape = order.iter().map(|&axis| self.shape[axis]).collect();
             self.dimensions = order.iter().map(|&axis| self.dimensions[axis].clone()).collect();
-            self.order = order;
+            self.order = order.iter().map(|&axis| self.order[axis]).collect();
         }
         self
     }
 
     /// Values as they are in the file with their axes in the order of this variable.
     fn in_order<T: Clone>(&self, values: ArrayD<T>) -> ArrayD<T> {
-        if self.order.is_sorted() {
+        if self.order.is_sorted() && self.selected.is_none() {
             return values;
         }
-        values.permuted_axes(self.order.as_slice()).as_standard_layout().into_owned()
+        let order: Vec<usize> = self.order.iter().copied().chain(self.selected).collect();
+        let mut values = values.permuted_axes(order);
+        if self.selected.is_some() {
+            let last = values.ndim() - 1;
+            values = values.index_axis_move(Axis(last), 0);
+        }
+        values.as_standard_layout().into_owned()
     }
 
     /// Returns an error unless the axes have the given names in this order. An axis without a
@@ -567,7 +593,8 @@ impl Variable<'_> {
 
     /// Ranges of the axes, of the part that is read, as ranges of what is stored.
     fn in_file(&self, ranges: &[Range<usize>]) -> Vec<Range<usize>> {
-        let mut stored = vec![0..0; ranges.len()];
+        // Of the axis that is not among the ranges, one index is read.
+        let mut stored: Vec<_> = self.first.iter().map(|&first| first..first + 1).collect();
         for (range, &axis) in ranges.iter().zip(&self.order) {
             let first = self.first[axis];
             stored[axis] = range.start + first..range.end + first;

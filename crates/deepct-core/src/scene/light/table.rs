@@ -22,6 +22,10 @@ pub struct LightTable {
     pub wavelength: f64,
     /// Whether the molecular atmosphere is included.
     pub air: bool,
+    /// Vertical optical depth of the gases above the clouds that absorb at the wavelength; `None`
+    /// without absorption.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub gas_optical_depth: Option<f64>,
     /// Lambertian albedo of the surface.
     pub surface_albedo: f64,
     /// Altitude of the surface (km).
@@ -44,13 +48,14 @@ impl Default for LightTable {
 
 impl From<Light> for LightTable {
     fn from(light: Light) -> Self {
-        let Light { sun, wavelength, optics, air, surface, boundary } = light;
+        let Light { sun, wavelength, optics, air, gas_optical_depth, surface, boundary } = light;
         Self {
             sun_zenith_deg: degrees(sun.zenith),
             sun_azimuth_deg: degrees(sun.azimuth),
             solar_irradiance: sun.irradiance,
             wavelength,
             air,
+            gas_optical_depth: Some(gas_optical_depth).filter(|depth| *depth != 0.0),
             surface_albedo: surface.albedo,
             surface_altitude_km: surface.altitude,
             wind_speed: surface.waves.map(|waves| waves.wind_speed()),
@@ -75,7 +80,8 @@ impl TryFrom<LightTable> for Light {
         };
         let boundary = if table.periodic { Boundary::Periodic } else { Boundary::Open };
         let (wavelength, optics, air) = (table.wavelength, table.optics, table.air);
-        let light = Self { sun, wavelength, optics, air, surface, boundary };
+        let gas_optical_depth = table.gas_optical_depth.unwrap_or(0.0);
+        let light = Self { sun, wavelength, optics, air, gas_optical_depth, surface, boundary };
         light.check()?;
         Ok(light)
     }
@@ -93,7 +99,7 @@ fn degrees(radians: f64) -> f64 {
 }
 
 /// The dotted keys of a [`LightTable`]; the optional ones are last.
-const KEYS: [&str; 17] = [
+const KEYS: [&str; 18] = [
     "sun_zenith_deg",
     "sun_azimuth_deg",
     "solar_irradiance",
@@ -108,12 +114,13 @@ const KEYS: [&str; 17] = [
     "optics.single_scattering_albedo",
     "optics.distribution",
     "optics.bandwidth",
+    "gas_optical_depth",
     "wind_speed",
     "optics.effective_variance",
     "optics.effective_radius",
 ];
 /// The number of optional keys.
-const OPTIONAL: usize = 3;
+const OPTIONAL: usize = 4;
 
 impl Light {
     /// The keys of [`Light::values`].

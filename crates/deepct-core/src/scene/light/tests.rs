@@ -36,6 +36,8 @@ fn values_out_of_range_and_unknown_keys_are_refused() {
         "wavelength = -0.6",
         "surface_albedo = 1.5",
         "wind_speed = 100.0",
+        "gas_optical_depth = -0.1",
+        "gas_optical_depth = 90.0",
         "air = true\nwavelength = 80.0",
         "optics.asymmetry = 1.5",
         "optics.single_scattering_albedo = 2.0",
@@ -52,6 +54,7 @@ fn values_out_of_range_and_unknown_keys_are_refused() {
 #[test]
 fn keys_are_those_of_the_table() {
     let mut light = Light::realistic();
+    light.gas_optical_depth = 0.03;
     light.surface.waves = Some(Waves::new(5.0).unwrap());
     light.optics.effective_radius = Some(8.0);
     light.optics.effective_variance = Some(0.2);

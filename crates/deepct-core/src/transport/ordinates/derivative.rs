@@ -189,7 +189,6 @@ impl OrdinatesModel {
     fn seen(&self, state: &State, weights: &ViewStack) -> (Derivative, Vec<f32>, Vec<f32>) {
         let camera = self.camera(state);
         let (slots, count) = (self.lattice.len(), self.quadrature.harmonics);
-        let irradiance = self.scene.sun.irradiance;
         let nothing = || Derivative::new(&camera.rays, state.on_surface());
         let mut parts: Vec<_> = (0..PARTS).map(|_| nothing()).collect();
         let mut by_moments = vec![0.0; slots * 4 * count];
@@ -199,7 +198,8 @@ impl OrdinatesModel {
                 let prepared = camera.prepare(tile, view);
                 part.scattered.fill([0.0; 4]);
                 for [row, col] in pixels {
-                    let weight = irradiance * f64::from(weights.values[[tile.view, *row, *col]]);
+                    let weight = f64::from(weights.values[[tile.view, *row, *col]]);
+                    let weight = self.brightness(view, [*row, *col]) * weight;
                     camera.differentiate(view, [*row, *col], weight, &prepared, part);
                 }
             });

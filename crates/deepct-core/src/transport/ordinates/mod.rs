@@ -334,13 +334,13 @@ impl OrdinatesModel {
         let camera = self.camera(state);
         let [rows, cols] = [self.views[0].rows, self.views[0].cols];
         let mut images = Array3::zeros((self.views.len(), rows, cols));
-        let irradiance = self.scene.sun.irradiance;
         let done = AtomicUsize::new(0);
         let seen = |tile: &Tile| -> Vec<([usize; 2], f64)> {
             let view = &self.views[tile.view];
             let prepared = camera.prepare(tile, view);
-            let radiance =
-                |pixel: [usize; 2]| (pixel, irradiance * camera.radiance(view, pixel, &prepared));
+            let radiance = |pixel: [usize; 2]| {
+                (pixel, self.brightness(view, pixel) * camera.radiance(view, pixel, &prepared))
+            };
             let pixels = if check_stop().is_ok() { self.looked_at(tile) } else { Vec::new() };
             let values = pixels.into_par_iter().map(radiance).collect();
             let done = done.fetch_add(1, Ordering::Relaxed) + 1;
@@ -391,6 +391,12 @@ impl OrdinatesModel {
         self.check_stop()?;
         self.adjoint = Some(adjoint);
         Ok(derivatives)
+    }
+
+    /// The factor of the radiance of a pixel.
+    fn brightness(&self, view: &View, [row, col]: [usize; 2]) -> f64 {
+        let line_of_sight = view.ray(row as f64 + 0.5, col as f64 + 0.5).direction;
+        self.scene.brightness(line_of_sight)
     }
 
     /// Pixels of a tile that are computed.

@@ -83,7 +83,6 @@ impl OrdinatesModel {
     /// Change of the images.
     fn seen_change(&self, state: &State, change: &camera::Change) -> Array3<f32> {
         let camera = self.camera(state);
-        let irradiance = self.scene.sun.irradiance;
         let [rows, cols] = [self.views[0].rows, self.views[0].cols];
         let mut images = Array3::zeros((self.views.len(), rows, cols));
         let values: Vec<Vec<_>> = self
@@ -95,7 +94,7 @@ impl OrdinatesModel {
                 let scattered = camera.scattered_change(tile, view, change);
                 let changed = |pixel: [usize; 2]| {
                     let value = camera.radiance_change(view, pixel, &prepared, change, &scattered);
-                    (pixel, irradiance * value)
+                    (pixel, self.brightness(view, pixel) * value)
                 };
                 self.looked_at(tile).into_par_iter().map(changed).collect()
             })
