@@ -1,0 +1,293 @@
+"""Adaptation of a general network to images of clouds that nobody knows.
+
+The network estimates a cloud from some views of a scene; the discrete-ordinates solver computes the
+images of this cloud for all views; and the difference from the images that were taken is a loss for
+the parameters of the network. Two things prevent that it is reduced by wrong clouds or at the cost
+of other clouds:
+
+- *Held-out views.* Some views of each scene are neither given to the network nor part of the loss.
+  The parameters with the least misfit of these views are kept, and the adaptation ends when it does
+  not decrease any more. In addition, each step leaves out one of the other views of the input, which
+  the cloud nevertheless has to explain.
+- *Rehearsal.* Synthetic clouds of many sizes and thicknesses, in the views and the light of the
+  scenes, are estimated as before: the difference from the first estimates is part of the loss.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from weights_tools.chain import Estimator
+from weights_tools.errors import InputError
+from weights_tools.general_file import (
+    GeneralWeights,
+    load_general,
+    parse_general_weights,
+    write_general_weights,
+)
+
+FEWEST = 4
+"""Smallest number of views of a scene: one is held out, and the network needs three."""
+
+ACCURACY = 0.03
+"""Accuracy of the renderer, and relative error of its images in the misfit."""
+
+DARK = 0.003
+"""Error of all pixels in the misfit, over the brightest pixel of a scene."""
+
+MARGIN = 1.5
+"""The renderer is prepared for the first estimate times this factor."""
+
+REHEARSED_AT_ONCE = 2
+"""Synthetic clouds in a step."""
+
+LEAST_DECREASE = 0.01
+"""Smallest relative decrease of the misfit of the held-out views that counts."""
+
+DECAY = (0.9, 0.99)
+"""Decay rates of the means of Adam."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Settings of an adaptation."""
+
+    minutes: float = 10.0
+    """Maximum duration."""
+    held_out: float = 0.2
+    """Share of the views of a scene that are held out, at least one."""
+    learning_rate: float = 2e-4
+    warm_up: int = 20
+    """Steps over which the learning rate rises."""
+    rehearsal: float = 30.0
+    """Weight of the rehearsal: of the difference from the first estimates, over their sum."""
+    synthetic: int = 24
+    """Number of synthetic clouds."""
+    steps: int = 10
+    """Steps for each scene between two evaluations of the held-out views."""
+    patience: int = 8
+    """Evaluations without a decrease of their misfit after which the adaptation ends."""
+    seed: int = 1
+
+
+class Scene:
+    """The images of a scene, and what the adaptation derives from them once."""
+
+    def __init__(
+        self, name: str, observation: Any, weights: GeneralWeights, held_out: float, seed: int
+    ) -> None:
+        import deepct_py
+        import deepct_py.torch
+
+        self.name, self.light = name, observation.light
+        views = observation.views
+        if len(views) < FEWEST:
+            problem = f"has {len(views)} views"
+            raise InputError(name, problem, f"give images of at least {FEWEST} views")
+        if self.light.phase == "mie" and self.light.effective_radius is None:
+            problem = "does not state the effective radius of its droplets"
+            raise InputError(name, problem, "write images whose light has one, or another phase")
+        try:
+            self.estimator = Estimator(weights, views, self.light)
+        except ValueError as problem:
+            remedy = "give images of cameras that point at one target"
+            raise InputError(name, str(problem), remedy) from None
+        self.views = views
+        images = np.nan_to_num(observation.radiance)
+        self.images = torch.from_numpy(images)
+        self._weights = torch.from_numpy(_precision(observation))
+        # The views at both ends of a formation determine most and are kept.
+        random = np.random.default_rng(seed)
+        count = min(max(1, round(held_out * len(views))), len(views) - FEWEST + 1)
+        middle = np.argsort([view.zenith_deg for view in views])[: max(count, len(views) - 2)]
+        held = random.choice(middle, count, replace=False)
+        self.held = torch.from_numpy(np.sort(held))
+        self.learned = torch.tensor([v for v in range(len(views)) if v not in held])
+        carved = deepct_py.carve(observation, grid=self.estimator.grid).mask
+        if not carved.any():
+            raise InputError(name, "shows no cloud", "leave the file out")
+        self.mask = torch.from_numpy(carved)
+        self._planes = self.estimator.planes(self.images[None, self.learned], self.learned)
+        with torch.no_grad():
+            first = self.extinction()
+        self._rendered = deepct_py.torch.Images(
+            deepct_py.Renderer(
+                self.estimator.grid,
+                views,
+                self.light,
+                mask=carved,
+                expected=MARGIN * first.numpy(),
+                accuracy=ACCURACY,
+            )
+        )
+
+    def extinction(self, without: int | None = None) -> Tensor:
+        """The estimate from the views that are not held out, except the one at a place."""
+        places = [place for place in range(len(self.learned)) if place != without]
+        planes, chosen = self._planes[:, places], self.learned[places]
+        return self.estimator.of_planes(planes, chosen)[0][0] * self.mask
+
+    def misfits(self, extinction: Tensor) -> Tensor:
+        """Mean squared difference of the images over their error, by view."""
+        difference = self._rendered(extinction) - self.images
+        return (difference.square() * self._weights).mean((1, 2))
+
+
+class Rehearsal:
+    """Synthetic clouds in the views and the light of the scenes, with the first estimates."""
+
+    def __init__(self, scenes: Sequence[Scene], count: int, seed: int) -> None:
+        import deepct_py
+
+        self._examples = []
+        for number in range(count):
+            scene = scenes[number % len(scenes)]
+            estimator, random = scene.estimator, np.random.default_rng([seed, number])
+            grid = estimator.grid
+            voxel = grid.spacing[0]
+            width = float(random.uniform(4.0, 22.0)) * voxel
+            cloud = deepct_py.generate_cloud(
+                grid, seed=seed + number, width_km=width, base_km=grid.origin[2]
+            )
+            thickness = float(10.0 ** random.uniform(-0.8, 0.3))
+            rendered = deepct_py.render(
+                thickness * cloud.extinction,
+                grid,
+                scene.views,
+                scene.light,
+                solver="ordinates",
+                accuracy=0.05,
+                estimate_error=False,
+            )
+            images = torch.from_numpy(deepct_py.sense(rendered, seed=seed + number).radiance)
+            planes = estimator.planes(images[None])
+            with torch.no_grad():
+                self._examples.append((estimator, planes, estimator.of_planes(planes)))
+
+    def loss(self, random: np.random.Generator) -> Tensor:
+        """Difference of some estimates from the first ones, over the sum of these."""
+        count = min(REHEARSED_AT_ONCE, len(self._examples))
+        losses = []
+        for number in random.choice(len(self._examples), count, replace=False):
+            estimator, planes, first = self._examples[number]
+            now = estimator.of_planes(planes)
+            difference = sum((a - b).abs().sum() for a, b in zip(now, first))
+            losses.append(difference / first[0].sum().clamp_min(1e-6))
+        return torch.stack(losses).mean()
+
+
+def adapt(
+    weights: str | Path,
+    images: Sequence[Path],
+    output: Path,
+    settings: Settings,
+    report: Callable[[str], None],
+) -> bool:
+    """Write weights that are adapted to the images of some files.
+
+    ``weights`` is a file or the name of built-in weights of a general network. Nothing is written,
+    and False returned, if the misfit of the held-out views does not decrease.
+
+    Raises :class:`InputError` for weights and images that cannot be used.
+    """
+    import deepct_py
+
+    start = time.monotonic()
+    adapted = _weights(weights)
+    network = adapted.network
+    scenes = []
+    for number, path in enumerate(images):
+        try:
+            observation = deepct_py.read_images(path)
+        except (OSError, ValueError, deepct_py.DeepctError) as problem:
+            reason = " ".join(str(problem).split()).removeprefix(f"{path}: ")
+            raise InputError(path, reason, "give a file of images of deepct") from None
+        scene = Scene(str(path), observation, adapted, settings.held_out, settings.seed + number)
+        held = ", ".join(str(int(view)) for view in scene.held)
+        report(
+            f"{path}: {len(scene.views)} views, held out {held}; {int(scene.mask.sum())} voxels"
+        )
+        scenes.append(scene)
+    rehearsal = Rehearsal(scenes, settings.synthetic, settings.seed)
+    random = np.random.default_rng(settings.seed)
+    optimizer = torch.optim.Adam(network.parameters(), settings.learning_rate, DECAY)
+    between = settings.steps * len(scenes)
+    first = least = float("inf")
+    kept: dict[str, Tensor] = {}
+    best = step = 0
+    while True:
+        is_late = time.monotonic() - start > 60.0 * settings.minutes
+        if step % between == 0 or is_late:
+            with torch.no_grad():
+                found = [scene.misfits(scene.extinction())[scene.held].mean() for scene in scenes]
+            misfit = float(torch.stack(found).mean())
+            if not np.isfinite(misfit):
+                raise InputError(output, "the misfit is not finite", "use a smaller learning rate")
+            if step == 0 or misfit < (1.0 - LEAST_DECREASE) * least:
+                best, least = step, misfit
+                kept = {name: values.clone() for name, values in network.state_dict().items()}
+            first = misfit if step == 0 else first
+            minutes = (time.monotonic() - start) / 60.0
+            report(f"{minutes:5.1f} min  step {step:5d}  misfit of the held-out views {misfit:.3f}")
+            if is_late or step - best >= settings.patience * between:
+                break
+        scene = scenes[int(random.integers(len(scenes)))]
+        for group in optimizer.param_groups:
+            group["lr"] = settings.learning_rate * min(1.0, (step + 1) / settings.warm_up)
+        estimate = scene.extinction(int(random.integers(len(scene.learned))))
+        loss = scene.misfits(estimate)[scene.learned].mean()
+        if settings.rehearsal > 0.0:
+            loss = loss + settings.rehearsal * rehearsal.loss(random)
+        optimizer.zero_grad()
+        loss.backward()
+        optimizer.step()
+        step += 1
+    if best == 0:
+        report("the held-out views were never explained better: nothing is written")
+        return False
+    network.load_state_dict(kept)
+    write_general_weights(output, _described(adapted, best, [first, least], scenes))
+    report(f"wrote {output}: misfit of the held-out views {first:.3f} -> {least:.3f} (step {best})")
+    return True
+
+
+def _weights(name_or_path: str | Path) -> GeneralWeights:
+    """General weights of a file, or built-in ones."""
+    import deepct_py
+
+    if str(name_or_path) not in deepct_py.Network.built_in():
+        return load_general(name_or_path)
+    return parse_general_weights(deepct_py.Network.load(name_or_path).contents, name_or_path)
+
+
+def _precision(observation: Any) -> np.ndarray:
+    """Inverse variance of each pixel for the misfit; 0 for those that are missing or saturated."""
+    images = np.nan_to_num(observation.radiance)
+    variance = (ACCURACY * images) ** 2 + (DARK * images.max()) ** 2
+    if observation.standard_error is not None:
+        variance = variance + observation.standard_error.astype(np.float64) ** 2
+    usable = np.isfinite(observation.radiance)
+    if observation.saturated is not None:
+        usable &= ~observation.saturated
+    return np.where(usable, 1.0 / variance, 0.0).astype(np.float32)
+
+
+def _described(
+    weights: GeneralWeights, steps: int, misfits: list[float], scenes: Sequence[Scene]
+) -> GeneralWeights:
+    """The weights with a description of their adaptation. The scores are those of before."""
+    before = weights.description
+    adaptation = {"scenes": len(scenes), "steps": steps, "misfits": misfits}
+    scores = {f"{name}_before_adaptation": value for name, value in before.scores.items()}
+    configuration = {**before.configuration, "adaptation": adaptation}
+    return replace(
+        weights, description=replace(before, scores=scores, configuration=configuration)
+    )
