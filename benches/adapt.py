@@ -2,7 +2,7 @@
 """Adaptation of the general network to the images of clouds of another simulation, without their truth.
 
     python3 benches/adapt.py --simulations FOLDER --rico CLOUD.nc [CLOUD.nc ...] --work DIR \
-        [--minutes 10] [--turns 2] [--clouds 24] [--solver monte-carlo]
+        [--weights general] [--minutes 10] [--turns 2] [--clouds 24] [--solver monte-carlo]
 
 Each cloud (anything that `deepct cloud import` reads with x, y, z in km) is placed in the middle of 32 x 32
 columns of voxels of 50 x 50 x 40 m, turned by 0, 90, ... degrees (`--turns`), and seen by cloudct-10 under its
@@ -43,7 +43,8 @@ def placed(path: Path) -> general.Cloud:
     grid = deepct.Grid((LEVELS, COLUMNS, COLUMNS), SPACING, (0.0, 0.0, BASE_KM))
     extinction, radius = np.zeros(grid.shape, np.float32), np.full(grid.shape, 10.0, np.float32)
     extinction[inside] = values[0]
-    radius[inside] = np.where(values[0] > 0.0, values[1], 10.0)
+    # At the edge, the resampling leaves traces of droplets that Mie theory does not cover.
+    radius[inside] = np.where(values[0] > 0.0, np.clip(values[1], 2.0, 25.0), 10.0)
     return general.Cloud(path.stem, "RICO", grid, extinction, radius)
 
 
@@ -62,6 +63,7 @@ def main() -> None:
     parser.add_argument("--rico", type=Path, nargs="+", required=True, help="files of clouds")
     parser.add_argument("--work", type=Path, required=True, help="working folder")
     parser.add_argument("--program", type=Path, default=Path("target/release/deepct"))
+    parser.add_argument("--weights", default="general", help="general weights, a name or file")
     parser.add_argument("--minutes", default="10")
     parser.add_argument("--turns", type=int, default=2)
     parser.add_argument("--clouds", type=int, default=24)
@@ -74,7 +76,7 @@ def main() -> None:
         for mirrored in (False, True)
     }
     arguments.rico = []
-    bench = general.Bench(arguments.work, ["general"])
+    bench = general.Bench(arguments.work, [arguments.weights])
     files = []
     for cloud in versions[False]:
         situation = next(general.situations("ten", cloud))
@@ -87,19 +89,19 @@ def main() -> None:
         observed = deepct.Observation(images, views, light, standard_error=error)
         observed.to_netcdf(path, overwrite=True)
         files.append(str(path))
-    command = [sys.executable, "-m", "weights_tools", "adapt", "general", *files,
+    command = [sys.executable, "-m", "weights_tools", "adapt", arguments.weights, *files,
                "--out", str(adapted), "--minutes", arguments.minutes]
     subprocess.run(command, check=True)
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     print(f"processor time of the adaptation: {used.ru_utime + used.ru_stime:.0f} s")
-    bench = general.Bench(arguments.work, ["general", str(adapted)])
+    bench = general.Bench(arguments.work, [arguments.weights, str(adapted)])
     print("\n| clouds | n | weights | epsilon | delta |\n|---|---|---|---|---|")
     for name, group, solver in [
         ("RICO, adapted to their images", versions[False], arguments.solver),
         ("RICO, mirrored", versions[True], "ordinates"),
         ("BOMEX test clouds", general.test_clouds(arguments), "ordinates"),
     ]:
-        for weights in ("general", str(adapted)):
+        for weights in (arguments.weights, str(adapted)):
             rows = [bench.row(cloud, next(general.situations("ten", cloud)), solver, weights)
                     for cloud in group]
             print(f"| {name} | {len(rows)} | {Path(weights).stem} "

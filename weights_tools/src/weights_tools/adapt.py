@@ -1,14 +1,14 @@
-"""Adaptation of a general network to images of clouds that nobody knows.
+"""Adaptation of a network to images of clouds that nobody knows.
 
 The network estimates a cloud from some views of a scene; the discrete-ordinates solver computes the
 images of this cloud for all views; and the difference from the images that were taken is a loss for
 the parameters of the network. Two things prevent that it is reduced by wrong clouds or at the cost
 of other clouds:
 
-- *Held-out views.* Some views of each scene are neither given to the network nor part of the loss.
-  The parameters with the least misfit of these views are kept, and the adaptation ends when it does
-  not decrease any more. In addition, each step leaves out one of the other views of the input, which
-  the cloud nevertheless has to explain.
+- *Held-out views.* Some views of each scene are not part of the loss. The parameters with the least
+  misfit of these views are kept, and the adaptation ends when it does not decrease any more. A
+  general network is not given these views either, and each step leaves out one more, which the cloud
+  nevertheless has to explain. A network of one formation needs all views as its input.
 - *Rehearsal.* Synthetic clouds of many sizes and thicknesses, in the views and the light of the
   scenes, are estimated as before: the difference from the first estimates is part of the loss.
 """
@@ -19,7 +19,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Union
 
 import numpy as np
 import torch
@@ -27,12 +27,16 @@ from torch import Tensor
 
 from weights_tools.chain import Estimator
 from weights_tools.errors import InputError
+from weights_tools.files import read_file, weights_header
+from weights_tools.formation import FormationEstimator, FormationWeights
 from weights_tools.general_file import (
     GeneralWeights,
     load_general,
     parse_general_weights,
     write_general_weights,
 )
+
+Weights = Union[GeneralWeights, FormationWeights]
 
 FEWEST = 4
 """Smallest number of views of a scene: one is held out, and the network needs three."""
@@ -45,6 +49,10 @@ DARK = 0.003
 
 MARGIN = 1.5
 """The renderer is prepared for the first estimate times this factor."""
+
+FOLDED = 0.3
+"""Learning rate of the layers of a network of one formation over that of a general network: they
+contain the normalisations, and their values are smaller."""
 
 REHEARSED_AT_ONCE = 2
 """Synthetic clouds in a step."""
@@ -62,13 +70,16 @@ class Settings:
 
     minutes: float = 10.0
     """Maximum duration."""
+    most_steps: int = 1_000_000
+    """Maximum number of steps."""
     held_out: float = 0.2
     """Share of the views of a scene that are held out, at least one."""
-    learning_rate: float = 2e-4
+    learning_rate: float = 3e-4
     warm_up: int = 20
     """Steps over which the learning rate rises."""
-    rehearsal: float = 30.0
-    """Weight of the rehearsal: of the difference from the first estimates, over their sum."""
+    rehearsal: float = 200.0
+    """Weight of the rehearsal: of the squared difference from the first estimates, over their
+    squares."""
     synthetic: int = 24
     """Number of synthetic clouds."""
     steps: int = 10
@@ -82,7 +93,7 @@ class Scene:
     """The images of a scene, and what the adaptation derives from them once."""
 
     def __init__(
-        self, name: str, observation: Any, weights: GeneralWeights, held_out: float, seed: int
+        self, name: str, observation: Any, weights: Weights, held_out: float, seed: int
     ) -> None:
         import deepct_py
         import deepct_py.torch
@@ -95,27 +106,40 @@ class Scene:
         if self.light.phase == "mie" and self.light.effective_radius is None:
             problem = "does not state the effective radius of its droplets"
             raise InputError(name, problem, "write images whose light has one, or another phase")
+        is_general = isinstance(weights, GeneralWeights)
         try:
-            self.estimator = Estimator(weights, views, self.light)
+            if is_general:
+                self.estimator = Estimator(weights, views, self.light)
+            else:
+                self.estimator = FormationEstimator(weights, observation)
         except ValueError as problem:
             remedy = "give images of cameras that point at one target"
+            if not is_general:
+                remedy = "give images of the formation without missing pixels, or general weights"
             raise InputError(name, str(problem), remedy) from None
         self.views = views
-        images = np.nan_to_num(observation.radiance)
-        self.images = torch.from_numpy(images)
+        self.images = torch.from_numpy(np.nan_to_num(observation.radiance))
         self._weights = torch.from_numpy(_precision(observation))
         # The views at both ends of a formation determine most and are kept.
         random = np.random.default_rng(seed)
         count = min(max(1, round(held_out * len(views))), len(views) - FEWEST + 1)
         middle = np.argsort([view.zenith_deg for view in views])[: max(count, len(views) - 2)]
-        held = random.choice(middle, count, replace=False)
-        self.held = torch.from_numpy(np.sort(held))
-        self.learned = torch.tensor([v for v in range(len(views)) if v not in held])
+        held = np.sort(random.choice(middle, count, replace=False))
+        self.held = torch.from_numpy(held)
+        self.learned = torch.tensor([view for view in range(len(views)) if view not in held])
+        # The views that the network sees; it sees no images with missing pixels.
+        self._seen: Tensor | None = None
+        if is_general:
+            is_complete = np.isfinite(observation.radiance).all((1, 2))
+            self._seen = self.learned[torch.from_numpy(is_complete)[self.learned]]
+            if len(self._seen) < FEWEST - 1:
+                problem = f"has {len(self._seen)} views without missing pixels to learn from"
+                raise InputError(name, problem, f"give images of at least {FEWEST} such views")
+        self._planes = self.planes(self.images, self._seen)
         carved = deepct_py.carve(observation, grid=self.estimator.grid).mask
         if not carved.any():
             raise InputError(name, "shows no cloud", "leave the file out")
         self.mask = torch.from_numpy(carved)
-        self._planes = self.estimator.planes(self.images[None, self.learned], self.learned)
         with torch.no_grad():
             first = self.extinction()
         self._rendered = deepct_py.torch.Images(
@@ -129,11 +153,22 @@ class Scene:
             )
         )
 
-    def extinction(self, without: int | None = None) -> Tensor:
-        """The estimate from the views that are not held out, except the one at a place."""
-        places = [place for place in range(len(self.learned)) if place != without]
-        planes, chosen = self._planes[:, places], self.learned[places]
-        return self.estimator.of_planes(planes, chosen)[0][0] * self.mask
+    def planes(self, images: Tensor, seen: Tensor | None = None) -> Tensor:
+        """The input of the network from the images of the views that it sees."""
+        if seen is None:
+            return self.estimator.planes(images[None])
+        return self.estimator.planes(images[None, seen], seen)
+
+    def extinction(self, random: np.random.Generator | None = None) -> Tensor:
+        """The estimate from the views that the network sees; with random numbers and for a general
+        network, from all but one of them."""
+        if self._seen is None:
+            return self.estimator.of_planes(self._planes)[0][0] * self.mask
+        places = list(range(len(self._seen)))
+        if random is not None and len(places) >= FEWEST:
+            places.pop(int(random.integers(len(places))))
+        planes, seen = self._planes[:, places], self._seen[places]
+        return self.estimator.of_planes(planes, seen)[0][0] * self.mask
 
     def misfits(self, extinction: Tensor) -> Tensor:
         """Mean squared difference of the images over their error, by view."""
@@ -168,19 +203,19 @@ class Rehearsal:
                 estimate_error=False,
             )
             images = torch.from_numpy(deepct_py.sense(rendered, seed=seed + number).radiance)
-            planes = estimator.planes(images[None])
+            planes = scene.planes(images)
             with torch.no_grad():
                 self._examples.append((estimator, planes, estimator.of_planes(planes)))
 
     def loss(self, random: np.random.Generator) -> Tensor:
-        """Difference of some estimates from the first ones, over the sum of these."""
+        """Squared difference of some estimates from the first ones, over the squares of these."""
         count = min(REHEARSED_AT_ONCE, len(self._examples))
         losses = []
         for number in random.choice(len(self._examples), count, replace=False):
             estimator, planes, first = self._examples[number]
             now = estimator.of_planes(planes)
-            difference = sum((a - b).abs().sum() for a, b in zip(now, first))
-            losses.append(difference / first[0].sum().clamp_min(1e-6))
+            difference = sum((a - b).square().sum() for a, b in zip(now, first))
+            losses.append(difference / first[0].square().sum().clamp_min(1e-6))
         return torch.stack(losses).mean()
 
 
@@ -193,8 +228,8 @@ def adapt(
 ) -> bool:
     """Write weights that are adapted to the images of some files.
 
-    ``weights`` is a file or the name of built-in weights of a general network. Nothing is written,
-    and False returned, if the misfit of the held-out views does not decrease.
+    ``weights`` is a file or the name of built-in weights, general or of one formation. Nothing is
+    written, and False returned, if the misfit of the held-out views does not decrease.
 
     Raises :class:`InputError` for weights and images that cannot be used.
     """
@@ -202,7 +237,7 @@ def adapt(
 
     start = time.monotonic()
     adapted = _weights(weights)
-    network = adapted.network
+    network = adapted.network if isinstance(adapted, GeneralWeights) else adapted
     scenes = []
     for number, path in enumerate(images):
         try:
@@ -218,13 +253,14 @@ def adapt(
         scenes.append(scene)
     rehearsal = Rehearsal(scenes, settings.synthetic, settings.seed)
     random = np.random.default_rng(settings.seed)
-    optimizer = torch.optim.Adam(network.parameters(), settings.learning_rate, DECAY)
+    rate = settings.learning_rate * (1.0 if isinstance(adapted, GeneralWeights) else FOLDED)
+    optimizer = torch.optim.Adam(network.parameters(), rate, DECAY)
     between = settings.steps * len(scenes)
     first = least = float("inf")
     kept: dict[str, Tensor] = {}
     best = step = 0
     while True:
-        is_late = time.monotonic() - start > 60.0 * settings.minutes
+        is_late = time.monotonic() - start > 60.0 * settings.minutes or step >= settings.most_steps
         if step % between == 0 or is_late:
             with torch.no_grad():
                 found = [scene.misfits(scene.extinction())[scene.held].mean() for scene in scenes]
@@ -241,9 +277,8 @@ def adapt(
                 break
         scene = scenes[int(random.integers(len(scenes)))]
         for group in optimizer.param_groups:
-            group["lr"] = settings.learning_rate * min(1.0, (step + 1) / settings.warm_up)
-        estimate = scene.extinction(int(random.integers(len(scene.learned))))
-        loss = scene.misfits(estimate)[scene.learned].mean()
+            group["lr"] = rate * min(1.0, (step + 1) / settings.warm_up)
+        loss = scene.misfits(scene.extinction(random))[scene.learned].mean()
         if settings.rehearsal > 0.0:
             loss = loss + settings.rehearsal * rehearsal.loss(random)
         optimizer.zero_grad()
@@ -254,18 +289,26 @@ def adapt(
         report("the held-out views were never explained better: nothing is written")
         return False
     network.load_state_dict(kept)
-    write_general_weights(output, _described(adapted, best, [first, least], scenes))
+    _write(output, adapted, {"scenes": len(scenes), "steps": best, "misfits": [first, least]})
     report(f"wrote {output}: misfit of the held-out views {first:.3f} -> {least:.3f} (step {best})")
     return True
 
 
-def _weights(name_or_path: str | Path) -> GeneralWeights:
-    """General weights of a file, or built-in ones."""
+def _weights(name_or_path: str | Path) -> Weights:
+    """The weights of a file, or built-in ones."""
     import deepct_py
 
-    if str(name_or_path) not in deepct_py.Network.built_in():
-        return load_general(name_or_path)
-    return parse_general_weights(deepct_py.Network.load(name_or_path).contents, name_or_path)
+    path = Path(name_or_path)
+    if str(name_or_path) in deepct_py.Network.built_in():
+        contents = deepct_py.Network.load(name_or_path).contents
+    elif path.suffix.lower() == ".safetensors":
+        contents = read_file(path, "give a weights file, or the name of built-in weights")
+    else:
+        return load_general(path)
+    header = weights_header(contents, path, "give a weights file of deepct")
+    if header.get("network") == "general":
+        return parse_general_weights(contents, path)
+    return FormationWeights(contents, path)
 
 
 def _precision(observation: Any) -> np.ndarray:
@@ -280,14 +323,15 @@ def _precision(observation: Any) -> np.ndarray:
     return np.where(usable, 1.0 / variance, 0.0).astype(np.float32)
 
 
-def _described(
-    weights: GeneralWeights, steps: int, misfits: list[float], scenes: Sequence[Scene]
-) -> GeneralWeights:
-    """The weights with a description of their adaptation. The scores are those of before."""
-    before = weights.description
-    adaptation = {"scenes": len(scenes), "steps": steps, "misfits": misfits}
-    scores = {f"{name}_before_adaptation": value for name, value in before.scores.items()}
-    configuration = {**before.configuration, "adaptation": adaptation}
-    return replace(
-        weights, description=replace(before, scores=scores, configuration=configuration)
-    )
+def _write(path: Path, weights: Weights, adaptation: dict[str, Any]) -> None:
+    """Write the weights with a description of their adaptation. The scores are those of before."""
+    is_general = isinstance(weights, GeneralWeights)
+    before = vars(weights.description) if is_general else weights.header
+    scores = {f"{name}_before_adaptation": value for name, value in before["scores"].items()}
+    configuration = {**before["configuration"], "adaptation": adaptation}
+    changes = {"scores": scores, "configuration": configuration}
+    if is_general:
+        description = replace(weights.description, **changes)
+        write_general_weights(path, replace(weights, description=description))
+    else:
+        weights.write(path, changes)

@@ -14,7 +14,7 @@ from torch import Tensor
 import weights_tools
 from weights_tools.checkpoint import load_checkpoint, write_whole
 from weights_tools.errors import InputError
-from weights_tools.files import read_file
+from weights_tools.files import read_file, weights_header
 from weights_tools.general import GeneralArchitecture, GeneralNetwork, with_extremes
 from weights_tools.unbiased import BIASED_SCORES, unbiased_scale
 
@@ -110,15 +110,10 @@ def parse_general_weights(contents: bytes, path: str | Path) -> GeneralWeights:
     from safetensors import SafetensorError
     from safetensors.torch import load
 
+    header = weights_header(contents, path, _REMEDY)
     try:
         tensors = load(contents)
-        # The length of the header precedes it.
-        length = int.from_bytes(contents[:8], "little")
-        text = (json.loads(contents[8 : 8 + length]).get("__metadata__") or {})["deepct"]
-        header = json.loads(text)
-        if not isinstance(header, dict):
-            raise ValueError("its metadata are not an object")
-    except (SafetensorError, KeyError, ValueError) as problem:
+    except (SafetensorError, ValueError) as problem:
         reason = " ".join(str(problem).split())
         raise InputError(path, f"is not a weights file ({reason})", _REMEDY) from None
     try:
