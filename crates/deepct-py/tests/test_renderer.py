@@ -360,7 +360,8 @@ def test_extinction_and_radius_have_their_derivatives(droplets):
     by_extinction, by_radius = renderer.vjp(extinction, weights, radius)
     assert (by_radius[extinction == 0] == 0).all() and (by_radius[extinction > 10] != 0).all()
     for _ in range(3):
-        direction = 0.2 * random.uniform(0, 1, GRID.shape).astype(np.float32)
+        # Short, as the derivative changes at the nodes of the table of droplet optics.
+        direction = 0.05 * random.uniform(0, 1, GRID.shape).astype(np.float32)
         up, down = (renderer.images(extinction, radius + sign * direction) for sign in (1, -1))
         difference = dot(up.astype(float) - down, weights) / 2
         assert abs(dot(by_radius, direction) / difference - 1) < 0.01
