@@ -80,6 +80,9 @@ pub(crate) struct Light {
     pub(crate) assumed: Vec<String>,
 }
 
+/// Two volumes.
+type Pair = (Py<PyArray3<f32>>, Py<PyArray3<f32>>);
+
 record!(Light);
 
 impl Record for Light {
@@ -192,10 +195,7 @@ impl Light {
     /// >>> value, derivative = deepct_py.Light().extinction_per_water(np.full((1, 1, 1), 10.0))
     /// >>> float(value[0, 0, 0]), float(derivative[0, 0, 0])
     /// (150.0, -15.0)
-    fn extinction_per_water(
-        &self,
-        effective_radius: &Bound<'_, PyAny>,
-    ) -> PyResult<(Py<PyArray3<f32>>, Py<PyArray3<f32>>)> {
+    fn extinction_per_water(&self, effective_radius: &Bound<'_, PyAny>) -> PyResult<Pair> {
         let py = effective_radius.py();
         let radii = volume(effective_radius, "effective_radius")?.values;
         let (value, derivative) =

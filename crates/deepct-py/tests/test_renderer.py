@@ -1,6 +1,7 @@
 """Derivatives of the images: the renderer, and its functions for PyTorch, JAX and SciPy."""
 
 import copy
+import importlib.util
 import pickle
 import subprocess
 import sys
@@ -371,6 +372,13 @@ def test_extinction_and_radius_have_their_derivatives(droplets):
         assert abs(dot(by_extinction, direction) / dot(difference, weights) - 1) < 1e-3
         change = renderer.jvp(extinction, direction, radius)
         assert np.linalg.norm(change - difference) < 2e-3 * np.linalg.norm(difference)
+    # The operator of SciPy, at constant radius.
+    if importlib.util.find_spec("scipy"):
+        import deepct_py.scipy
+
+        operator = deepct_py.scipy.derivative(renderer, extinction, radius)
+        np.testing.assert_array_equal(operator @ direction.ravel(), change.ravel())
+        np.testing.assert_array_equal(operator.T @ weights.ravel(), by_extinction.ravel())
     # One radius in all voxels is that of a light.
     settings = {"accuracy": 0.03, "tolerance": 3e-7, "expected": extinction}
     prescribed = DROPLETS.replace(effective_radius=8.0)

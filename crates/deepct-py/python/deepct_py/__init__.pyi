@@ -661,12 +661,14 @@ class Renderer:
     def images(
         self, extinction: _Extinction, effective_radius: Optional[ArrayLike] = None
     ) -> _Floats: ...
+    @overload
     def vjp(
-        self,
-        extinction: _Extinction,
-        cotangent: ArrayLike,
-        effective_radius: Optional[ArrayLike] = None,
-    ) -> Any: ...
+        self, extinction: _Extinction, cotangent: ArrayLike, effective_radius: None = None
+    ) -> _Floats: ...
+    @overload
+    def vjp(
+        self, extinction: _Extinction, cotangent: ArrayLike, effective_radius: ArrayLike
+    ) -> tuple[_Floats, _Floats]: ...
     def jvp(
         self,
         extinction: _Extinction,

@@ -89,8 +89,11 @@ def extinction_per_water(light: Light, effective_radius: jax.Array) -> jax.Array
 # What a method of renderers gives, as `Scenes` describes it. The tangent of the images is the method "jvp", and
 # "vjp" is its transpose: JAX derives all modes from these two. A primitive, because the functions of JAX with
 # derivatives of one's own have those of one mode, or (`linear_call`) cannot be mapped.
-_of_renderers = Primitive("deepct")
+_of_renderers: Any = Primitive("deepct")
 _of_renderers.multiple_results = True
+
+
+_instantiated: Any = ad.instantiate_zeros
 
 
 def _linear(count: int, method: str) -> int:
@@ -98,7 +101,6 @@ def _linear(count: int, method: str) -> int:
     return {"images": 0, "jvp": count // 2, "vjp": 1}[method]
 
 
-@_of_renderers.def_abstract_eval
 def _shapes(*arrays: Any, scenes: Scenes, method: str) -> list[ShapedArray]:
     batch = arrays[0].shape[:-3]
     if method == "vjp":
@@ -125,14 +127,14 @@ def _changes(primals: Any, tangents: Any, *, scenes: Scenes, method: str) -> Any
         raise NotImplementedError("the images have no second derivatives")
     else:
         point = primals[:constants]
-    moved = (ad.instantiate_zeros(each) for each in tangents[constants:])
+    moved = (_instantiated(each) for each in tangents[constants:])
     return found, _of_renderers.bind(*point, *moved, scenes=scenes, method=method)
 
 
 def _transposed(cotangents: Any, *arrays: Any, scenes: Scenes, method: str) -> Any:
     linear = _linear(len(arrays), method)
     point = arrays[: len(arrays) - linear]
-    given = (ad.instantiate_zeros(each) for each in cotangents)
+    given = (_instantiated(each) for each in cotangents)
     other = {"jvp": "vjp", "vjp": "jvp"}[method]
     return [None] * len(point) + list(_of_renderers.bind(*point, *given, scenes=scenes, method=other))
 
@@ -147,6 +149,7 @@ def _mapped(arrays: Any, axes: Any, *, scenes: Scenes, method: str) -> Any:
     return found, [0] * len(found)
 
 
+_of_renderers.def_abstract_eval(_shapes)
 _of_renderers.def_impl(_called)
 mlir.register_lowering(_of_renderers, mlir.lower_fun(_called, multiple_results=True))
 ad.primitive_jvps[_of_renderers] = _changes

@@ -53,7 +53,8 @@ class Images(torch.nn.Module):
         self._scenes.check(extinction, effective_radius)
         point = [extinction]
         if effective_radius is not None:
-            point = list(torch.broadcast_tensors(extinction, effective_radius))
+            both = torch.broadcast_tensors(extinction, effective_radius)  # type: ignore[no-untyped-call]
+            point = list(both)
         images: torch.Tensor = _Images.apply(self._scenes, *point)  # type: ignore[no-untyped-call]
         return images
 
