@@ -3,7 +3,7 @@
 The network estimates a cloud from some views of a scene; the discrete-ordinates solver computes the
 images of this cloud for all views; and the difference from the images that were taken is a loss for
 the parameters of the network. Two things prevent that it is reduced by wrong clouds or at the cost
-of other clouds:
+of others:
 
 - *Held-out views.* Some views of each scene are not part of the loss. The parameters with the least
   misfit of these views are kept, and the adaptation ends when it does not decrease any more. A
@@ -11,6 +11,7 @@ of other clouds:
   nevertheless has to explain. A network of one formation needs all views as its input.
 - *Rehearsal.* Synthetic clouds of many sizes and thicknesses, in the views and the light of the
   scenes, are estimated as before: the difference from the first estimates is part of the loss.
+  And a tenth of the change of the parameters is undone in the end.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from typing import Any, Union
 
 import numpy as np
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from weights_tools.chain import Estimator
 from weights_tools.errors import InputError
@@ -82,6 +83,9 @@ class Settings:
     squares."""
     synthetic: int = 24
     """Number of synthetic clouds."""
+    kept: float = 0.9
+    """Share of the change of the parameters that is written: the last part of it does more harm to
+    other clouds than good to these (Wortsman et al. 2022, "Robust fine-tuning")."""
     steps: int = 10
     """Steps for each scene between two evaluations of the held-out views."""
     patience: int = 8
@@ -256,21 +260,21 @@ def adapt(
     rate = settings.learning_rate * (1.0 if isinstance(adapted, GeneralWeights) else FOLDED)
     optimizer = torch.optim.Adam(network.parameters(), rate, DECAY)
     between = settings.steps * len(scenes)
-    first = least = float("inf")
-    kept: dict[str, Tensor] = {}
+
+    def misfit_of_held_out() -> float:
+        with torch.no_grad():
+            found = [scene.misfits(scene.extinction())[scene.held].mean() for scene in scenes]
+        return float(torch.stack(found).mean())
+
+    first = least = misfit_of_held_out()
+    before = kept = _copied(network)
     best = step = 0
     while True:
         is_late = time.monotonic() - start > 60.0 * settings.minutes or step >= settings.most_steps
         if step % between == 0 or is_late:
-            with torch.no_grad():
-                found = [scene.misfits(scene.extinction())[scene.held].mean() for scene in scenes]
-            misfit = float(torch.stack(found).mean())
-            if not np.isfinite(misfit):
-                raise InputError(output, "the misfit is not finite", "use a smaller learning rate")
-            if step == 0 or misfit < (1.0 - LEAST_DECREASE) * least:
-                best, least = step, misfit
-                kept = {name: values.clone() for name, values in network.state_dict().items()}
-            first = misfit if step == 0 else first
+            misfit = misfit_of_held_out()
+            if misfit < (1.0 - LEAST_DECREASE) * least:
+                best, least, kept = step, misfit, _copied(network)
             minutes = (time.monotonic() - start) / 60.0
             report(f"{minutes:5.1f} min  step {step:5d}  misfit of the held-out views {misfit:.3f}")
             if is_late or step - best >= settings.patience * between:
@@ -285,13 +289,25 @@ def adapt(
         loss.backward()
         optimizer.step()
         step += 1
-    if best == 0:
+    network.load_state_dict(
+        {name: torch.lerp(before[name], kept[name], settings.kept) for name in kept}, strict=False
+    )
+    last = misfit_of_held_out()
+    if best == 0 or not last < first:
         report("the held-out views were never explained better: nothing is written")
         return False
-    network.load_state_dict(kept)
-    _write(output, adapted, {"scenes": len(scenes), "steps": best, "misfits": [first, least]})
-    report(f"wrote {output}: misfit of the held-out views {first:.3f} -> {least:.3f} (step {best})")
+    _write(output, adapted, {"scenes": len(scenes), "steps": best, "misfits": [first, last]})
+    report(f"wrote {output}: misfit of the held-out views {first:.3f} -> {last:.3f} (step {best})")
     return True
+
+
+def _copied(network: nn.Module) -> dict[str, Tensor]:
+    """A copy of the values of a network, without the counters of its normalisations."""
+    return {
+        name: values.clone()
+        for name, values in network.state_dict().items()
+        if values.is_floating_point()
+    }
 
 
 def _weights(name_or_path: str | Path) -> Weights:
