@@ -98,9 +98,9 @@ def _parser() -> argparse.ArgumentParser:
     pack.set_defaults(run=_pack)
 
     tune = verbs.add_parser(
-        "adapt", help="fine-tune a general network on images alone, without known clouds"
+        "adapt", help="fine-tune a network on images alone, without known clouds"
     )
-    tune.add_argument("weights", help="weights file of a general network, or `general`")
+    tune.add_argument("weights", help="weights file, or the name of built-in weights")
     tune.add_argument("images", type=Path, nargs="+", help="files of images, one for each scene")
     tune.add_argument("--out", type=Path, required=True, help="weights file to write")
     tune.add_argument(

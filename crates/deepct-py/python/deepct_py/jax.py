@@ -13,6 +13,7 @@ from collections.abc import Callable
 from typing import Any, Optional
 
 import jax
+import jax.custom_batching
 import jax.numpy as jnp
 import numpy as np
 from jax.core import ShapedArray
@@ -69,9 +70,14 @@ def extinction_per_water(light: Light, effective_radius: jax.Array) -> jax.Array
         values = np.asarray(radius, np.float32)
         return [part.reshape(values.shape) for part in light.extinction_per_water(values.reshape(1, 1, -1))]
 
+    @jax.custom_batching.custom_vmap
     def both(radius: jax.Array) -> Any:
         result = jax.ShapeDtypeStruct(radius.shape, jnp.float32)  # type: ignore[no-untyped-call]
-        return jax.pure_callback(computed, [result, result], radius, vmap_method="broadcast_all")
+        return jax.pure_callback(computed, [result, result], radius)
+
+    @both.def_vmap
+    def mapped(size: int, is_mapped: list[bool], radius: jax.Array) -> Any:
+        return both(radius), [True, True]
 
     @jax.custom_jvp
     def value(radius: jax.Array) -> jax.Array:
