@@ -5,10 +5,10 @@ images of this cloud for all views; and the difference from the images that were
 the parameters of the network. Two things prevent that it is reduced by wrong clouds or at the cost
 of others:
 
-- *Held-out views.* Some views of each scene are not part of the loss. The parameters with the least
-  misfit of these views are kept, and the adaptation ends when it does not decrease any more. A
-  general network is not given these views either, and each step leaves out one more, which the cloud
-  nevertheless has to explain. A network of one formation needs all views as its input.
+- *Held-out views.* Some views of each scene are not part of the loss. The parameters with the
+  least misfit of these views are kept, and the adaptation ends when it does not decrease any more.
+  A general network is not given these views either, and each step leaves out one more, which the
+  cloud nevertheless has to explain. A network of one formation needs all views as its input.
 - *Rehearsal.* Synthetic clouds of many sizes and thicknesses, in the views and the light of the
   scenes, are estimated as before: the difference from the first estimates is part of the loss.
   And a tenth of the change of the parameters is undone in the end.
