@@ -1,11 +1,12 @@
-"""How well is a cloud known? Samples of the posterior by Langevin steps.
+"""How well is a cloud known? Samples of the posterior by Langevin steps with momentum.
 
     python posterior.py [FOLDER]
 
-writes a figure to FOLDER (by default the current one). It needs PyTorch and matplotlib. Each step follows the
-gradient of the logarithm of the posterior and adds noise (Roberts and Tweedie 1996), both scaled by the
-covariance that the derivatives of the images give; a Metropolis test accepts it. The spread of the samples
-is compared with the error of their mean.
+writes a figure to FOLDER (by default the current one). It needs PyTorch and matplotlib. A sample starts from
+the one before with a random momentum and follows the gradient of the logarithm of the posterior for several
+steps, in coordinates in which the covariance that the derivatives of the images give is the unit matrix; a
+Metropolis test accepts it (Hamiltonian Monte Carlo, Neal 2011; with a single step, these are Langevin steps,
+of which several times as many are needed). The spread of the samples is compared with the error of their mean.
 """
 
 import sys
@@ -72,28 +73,32 @@ for _ in range(4):
     scale = covariance(unknown)
     unknown = unknown - (scale @ energy_and_slope(unknown)[1]).clamp(-1.0, 1.0)
 
-# Then steps around it, each of which is accepted with the probability that keeps the posterior.
-STEPS, SIZE = 200, 0.04
+# Then samples around it, each of which is accepted with the probability that keeps the posterior.
+SAMPLES, STEPS, SIZE = 40, 8, 0.18
 factor = torch.linalg.cholesky(scale)
 energy, gradient = energy_and_slope(unknown)
 samples, accepted = [], 0
-for _ in range(STEPS):
-    noise = torch.randn(unknown.shape, generator=random)
-    other = unknown - SIZE * scale @ gradient + (2.0 * SIZE) ** 0.5 * factor @ noise
-    other_energy, other_gradient = energy_and_slope(other)
-    back = unknown - other + SIZE * scale @ other_gradient
-    whitened = torch.linalg.solve_triangular(factor, back[:, None], upper=False)
-    backwards, forwards = whitened.square().sum() / (4.0 * SIZE), 0.5 * noise.square().sum()
-    if torch.rand((), generator=random).log() < energy - other_energy - backwards + forwards:
+for _ in range(SAMPLES):
+    momentum = torch.randn(unknown.shape, generator=random)
+    before = energy + 0.5 * momentum.square().sum()
+    other, other_energy, other_gradient = unknown, energy, gradient
+    for _ in range(STEPS):
+        momentum = momentum - 0.5 * SIZE * factor.T @ other_gradient
+        other = other + SIZE * factor @ momentum
+        other_energy, other_gradient = energy_and_slope(other)
+        momentum = momentum - 0.5 * SIZE * factor.T @ other_gradient
+    after = other_energy + 0.5 * momentum.square().sum()
+    if torch.rand((), generator=random).log() < before - after:
         unknown, energy, gradient = other, other_energy, other_gradient
         accepted += 1
     samples.append(unknown.exp())
 
-drawn = torch.stack(samples[STEPS // 4 :])
+# The first ones still depend on the start.
+drawn = torch.stack(samples[SAMPLES // 8 :])
 mean, spread = drawn.mean(0), drawn.std(0)
 missed = (mean - truth[mask]).abs()
 inside = (missed < 2.0 * spread).float().mean().item()
-print(f"{accepted} of {STEPS} steps were accepted")
+print(f"{accepted} of {SAMPLES} samples were accepted")
 print(f"epsilon of the mean {(missed.sum() / truth.sum()).item():.3f}")
 print(f"error {missed.square().mean().sqrt().item():.1f}, spread {spread.square().mean().sqrt().item():.1f} /km")
 print(f"{inside:.0%} of the voxels are within twice the spread")

@@ -1,11 +1,13 @@
 //! `Light`: the scene illumination, that is, all properties of a scene except the cloud.
 
+use crate::array::{give, volume};
 use crate::error::{in_python, raise};
 use crate::exchange::{is_dataset, through_circumstances, through_file};
 use crate::number::reals;
 use crate::record::{Record, record};
 use deepct_core::image::ViewStack;
 use deepct_core::{io, scene};
+use numpy::PyArray3;
 use numpy::ndarray::Array3;
 use pyo3::exceptions::{PyTypeError, PyUserWarning, PyValueError};
 use pyo3::prelude::*;
@@ -80,6 +82,9 @@ pub(crate) struct Light {
     /// Keys of the values that are assumed because they are not known.
     pub(crate) assumed: Vec<String>,
 }
+
+/// Two volumes.
+type Pair = (Py<PyArray3<f32>>, Py<PyArray3<f32>>);
 
 record!(Light);
 
@@ -166,6 +171,39 @@ impl Light {
         }
         let core = scene::Light::default().with_values(&given).map_err(raise)?;
         Ok(Self { core, assumed })
+    }
+
+    /// The extinction per liquid water content of droplets, which multiplies a liquid water content to
+    /// an extinction, with its derivative.
+    ///
+    /// Parameters
+    /// ----------
+    /// effective_radius : array [z, y, x]
+    ///     Effective radius (um), positive, also in clear voxels.
+    ///
+    /// Returns
+    /// -------
+    /// (numpy.ndarray, numpy.ndarray)
+    ///     Extinction per liquid water content (1/km per g/m3) and its derivative with respect to the
+    ///     effective radius (per um), float32, [z, y, x]: `1500 / effective_radius` for the extinction
+    ///     "geometric", that of Mie theory for "mie".
+    ///
+    /// Raises
+    /// ------
+    /// ValueError
+    ///     A radius is not positive, or beyond the table of droplet optics.
+    ///
+    /// Examples
+    /// --------
+    /// >>> value, derivative = deepct_py.Light().extinction_per_water(np.full((1, 1, 1), 10.0))
+    /// >>> float(value[0, 0, 0]), float(derivative[0, 0, 0])
+    /// (150.0, -15.0)
+    fn extinction_per_water(&self, effective_radius: &Bound<'_, PyAny>) -> PyResult<Pair> {
+        let py = effective_radius.py();
+        let radii = volume(effective_radius, "effective_radius")?.values;
+        let (value, derivative) =
+            py.detach(|| self.core.extinction_per_water(&radii)).map_err(raise)?;
+        Ok((give(py, value), give(py, derivative)))
     }
 
     /// The values by keyword. Optional values that are not set are absent.

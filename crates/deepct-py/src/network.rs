@@ -94,6 +94,18 @@ impl Network {
         }
     }
 
+    /// The contents of the weights file (safetensors), from which `Network` makes the network again.
+    #[getter]
+    fn contents<'py>(&self, py: Python<'py>) -> Bound<'py, PyBytes> {
+        let bytes = match &self.source {
+            Source::BuiltIn(name) => {
+                io::built_in_contents(name).expect("a name of built-in weights")
+            }
+            Source::Bytes(bytes) => bytes,
+        };
+        PyBytes::new(py, bytes)
+    }
+
     /// Load a network from a weights file (safetensors), or a built-in network by its name.
     ///
     /// Parameters

@@ -1,4 +1,5 @@
-//! `Renderer`: the images of a scene as a function of the extinction, and its derivatives.
+//! `Renderer`: the images of a scene as a function of the extinction and of the effective radius, and its
+//! derivatives.
 
 use crate::array::{give, images_in_any_unit, volume};
 use crate::compute::{CHECKED, Progress, at_length};
@@ -11,7 +12,7 @@ use crate::render::views_of;
 use crate::view::Views;
 use deepct_core::grid::{Mask, Volume};
 use deepct_core::image::ViewStack;
-use deepct_core::scene;
+use deepct_core::scene::{self, PhaseModel};
 use deepct_core::stop::Stop;
 use deepct_core::transport::{OrdinatesModel, OrdinatesSettings};
 use deepct_core::{Error, Result};
@@ -19,7 +20,7 @@ use numpy::PyArray3;
 use numpy::ndarray::Array3;
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
+use pyo3::types::{PyDict, PyTuple};
 use rayon::prelude::*;
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
 
@@ -34,6 +35,10 @@ const EXPECTED: f32 = 20.0;
 /// The cells of the solver are made once. Every solution starts from the one before, so that a small
 /// change of the extinction takes a fraction of the time; results therefore depend on earlier calls
 /// within the tolerance. The derivatives are those of the discretised computation.
+///
+/// With the phase function "mie" and a light without `effective_radius`, the images are a function of the
+/// extinction and of the effective radius of each voxel, which every method then takes as well.
+/// `Light.extinction_per_water` leads from liquid water content to extinction.
 ///
 /// Parameters
 /// ----------
@@ -88,6 +93,14 @@ const EXPECTED: f32 = 20.0;
 /// >>> gradient = renderer.vjp(cloud, 2 * (images - 0.1))
 /// >>> gradient.shape == cloud.grid.shape
 /// True
+///
+/// Extinction and effective radius:
+///
+/// >>> light = deepct_py.Light(phase="mie")
+/// >>> renderer = deepct_py.Renderer(cloud.grid, "cloudct-10", light, mask=cloud.extinction > 0)
+/// >>> radius = np.full(cloud.grid.shape, 8.0)
+/// >>> images = renderer.images(cloud.extinction, radius)
+/// >>> by_extinction, by_radius = renderer.vjp(cloud.extinction, images, radius)
 #[pyclass(frozen, module = "deepct_py")]
 pub(crate) struct Renderer {
     /// The grid of the extinction.
@@ -192,7 +205,10 @@ impl Renderer {
         settings.tolerance = tolerance.unwrap_or(settings.tolerance);
         let (core, shown, voxels) = (light.core.clone(), views.clone(), mask.clone());
         let solver = at_length(py, &Progress::None, move |_| {
-            let scene = core.scene_of(prepared)?;
+            let scene = match is_of_droplets(&core) {
+                true => core.scene_of_any_droplets(prepared)?,
+                false => core.scene_of(prepared)?,
+            };
             let model = OrdinatesModel::new(&scene, &shown, Some(&voxels), &settings)?;
             Ok(Solver { model, warm_start, has_warned: false, solved: None })
         })?;
@@ -229,6 +245,9 @@ impl Renderer {
     /// ----------
     /// extinction : array [z, y, x], Cloud, Estimate or Reconstruction
     ///     Extinction (1/km). It counts in the voxels of the mask only.
+    /// effective_radius : array [z, y, x], optional
+    ///     Effective radius (um), with the phase function "mie" and a light that has none. Default: that
+    ///     of the cloud, if the extinction is a `Cloud` with droplets.
     ///
     /// Returns
     /// -------
@@ -238,9 +257,17 @@ impl Renderer {
     /// Raises
     /// ------
     /// ValueError
-    ///     The extinction is on another grid, negative or not finite.
-    fn images(&self, extinction: &Bound<'_, PyAny>) -> PyResult<Py<PyArray3<f32>>> {
-        self.compute(extinction.py(), Task::images(self, extinction)?)
+    ///     An array is on another grid, negative or not finite; an effective radius is missing, of no
+    ///     effect in this light, or beyond the table of droplet optics where there is extinction.
+    #[pyo3(signature = (extinction, effective_radius = None))]
+    fn images(
+        &self,
+        extinction: &Bound<'_, PyAny>,
+        effective_radius: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<Py<PyArray3<f32>>> {
+        let py = extinction.py();
+        let task = self.task(extinction, effective_radius, Wanted::Images)?;
+        Ok(self.compute(py, task)?.remove(0))
     }
 
     /// Vector-Jacobian product: the derivative of `sum(cotangent * images)` with respect to the
@@ -255,23 +282,34 @@ impl Renderer {
     /// cotangent : array [view, row, col]
     ///     Derivative of a quantity with respect to each pixel (sr), for example
     ///     `2 * (images - measured)`; 0 for pixels that are left out.
+    /// effective_radius : array [z, y, x], optional
+    ///     As in `images`.
     ///
     /// Returns
     /// -------
-    /// numpy.ndarray
+    /// numpy.ndarray, or a pair of them
     ///     Derivative of the quantity with respect to the extinction (km), float32, [z, y, x]; 0
-    ///     outside the mask.
+    ///     outside the mask. If the images are also a function of the effective radius: both that with
+    ///     respect to the extinction at constant radius and that with respect to the radius (1/um).
     ///
     /// Raises
     /// ------
     /// ValueError
     ///     As `images`; or the cotangent has another shape than the images or is not finite.
-    fn vjp(
+    #[pyo3(signature = (extinction, cotangent, effective_radius = None))]
+    fn vjp<'py>(
         &self,
-        extinction: &Bound<'_, PyAny>,
-        cotangent: &Bound<'_, PyAny>,
-    ) -> PyResult<Py<PyArray3<f32>>> {
-        self.compute(extinction.py(), Task::vjp(self, extinction, cotangent)?)
+        extinction: &Bound<'py, PyAny>,
+        cotangent: &Bound<'py, PyAny>,
+        effective_radius: Option<&Bound<'py, PyAny>>,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let py = extinction.py();
+        let wanted = self.cotangent(cotangent)?;
+        let mut arrays = self.compute(py, self.task(extinction, effective_radius, wanted)?)?;
+        match arrays.len() {
+            1 => Ok(arrays.remove(0).into_bound(py).into_any()),
+            _ => Ok(PyTuple::new(py, arrays)?.into_any()),
+        }
     }
 
     /// Jacobian-vector product: the derivative of the images in a direction.
@@ -285,6 +323,8 @@ impl Renderer {
     ///     The extinction (1/km) at which the derivative is taken.
     /// direction : array [z, y, x]
     ///     Change of the extinction (1/km), of any sign.
+    /// effective_radius : array [z, y, x], optional
+    ///     As in `images`; it is constant in this direction.
     ///
     /// Returns
     /// -------
@@ -295,30 +335,47 @@ impl Renderer {
     /// ------
     /// ValueError
     ///     As `images`; or the direction is on another grid or not finite.
+    #[pyo3(signature = (extinction, direction, effective_radius = None))]
     fn jvp(
         &self,
         extinction: &Bound<'_, PyAny>,
         direction: &Bound<'_, PyAny>,
+        effective_radius: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Py<PyArray3<f32>>> {
-        self.compute(extinction.py(), Task::jvp(self, extinction, direction)?)
+        let py = extinction.py();
+        let wanted = self.direction(direction)?;
+        Ok(self.compute(py, self.task(extinction, effective_radius, wanted)?)?.remove(0))
     }
 }
 
 /// The results of one method of several renderers, computed at the same time: "images", "vjp" or
-/// "jvp", with its arguments for each renderer.
+/// "jvp". The arguments for each renderer are the extinction, the effective radius if the images are a
+/// function of it, and the cotangent or direction. Each has a list of results, of which `vjp` has one for
+/// each of the first two.
 #[pyfunction]
 pub(crate) fn side_by_side(
     py: Python<'_>,
     renderers: Vec<Bound<'_, Renderer>>,
     method: &str,
     arguments: Vec<Vec<Bound<'_, PyAny>>>,
-) -> PyResult<Vec<Py<PyArray3<f32>>>> {
+) -> PyResult<Vec<Vec<Py<PyArray3<f32>>>>> {
     let task = |(renderer, arguments): (&Bound<'_, Renderer>, &Vec<Bound<'_, PyAny>>)| {
         let renderer = renderer.get();
-        match (method, arguments.as_slice()) {
-            ("images", [extinction]) => Task::images(renderer, extinction),
-            ("vjp", [extinction, cotangent]) => Task::vjp(renderer, extinction, cotangent),
-            ("jvp", [extinction, direction]) => Task::jvp(renderer, extinction, direction),
+        let (point, last) = match method {
+            "images" => (arguments.as_slice(), None),
+            _ => {
+                arguments.split_last().map_or((&[][..], None), |(last, point)| (point, Some(last)))
+            }
+        };
+        let wanted = match (method, last) {
+            ("images", None) => Wanted::Images,
+            ("vjp", Some(cotangent)) => renderer.cotangent(cotangent)?,
+            ("jvp", Some(direction)) => renderer.direction(direction)?,
+            _ => return Err(PyTypeError::new_err(format!("no {method}"))),
+        };
+        match point {
+            [extinction] => renderer.task(extinction, None, wanted),
+            [extinction, radius] => renderer.task(extinction, Some(radius), wanted),
             _ => Err(PyTypeError::new_err(format!("no {method} of {} arguments", arguments.len()))),
         }
     };
@@ -327,13 +384,69 @@ pub(crate) fn side_by_side(
     compute(py, solvers.zip(tasks).collect())
 }
 
+/// Whether the images are a function of the effective radius.
+fn is_of_droplets(light: &scene::Light) -> bool {
+    light.optics.phase == PhaseModel::Mie && light.optics.effective_radius.is_none()
+}
+
 impl Renderer {
-    fn extinction(&self, object: &Bound<'_, PyAny>) -> PyResult<Volume> {
-        let values = field::extinction(object, "extinction", &self.light.core)?.on(self.grid.0)?;
-        Volume::new(self.grid.0, values).map_err(raise)
+    fn task(
+        &self,
+        extinction: &Bound<'_, PyAny>,
+        effective_radius: Option<&Bound<'_, PyAny>>,
+        wanted: Wanted,
+    ) -> PyResult<Task> {
+        let light = &self.light.core;
+        let values = field::extinction(extinction, "extinction", light)?.on(self.grid.0)?;
+        let radii = match (is_of_droplets(light), effective_radius) {
+            (true, Some(radii)) => Some(volume(radii, "effective_radius")?.on(self.grid.0)?),
+            (true, None) => {
+                let droplets = field::cloud(extinction)?.and_then(|cloud| cloud.microphysics);
+                let cure = "give it, or the renderer a light with an effective_radius";
+                let missing =
+                    || PyValueError::new_err(format!("effective_radius is missing: {cure}"));
+                Some(droplets.ok_or_else(missing)?.effective_radius)
+            }
+            (false, Some(_)) => {
+                return Err(PyValueError::new_err(
+                    "effective_radius is given, but has no effect in the light of this renderer: leave \
+                     it out, or give the renderer a light with phase=\"mie\" and without effective_radius",
+                ));
+            }
+            (false, None) => None,
+        };
+        let placed = |values| Volume::new(self.grid.0, values).map_err(raise);
+        Ok(Task {
+            extinction: placed(values)?,
+            effective_radius: radii.map(placed).transpose()?,
+            wanted,
+        })
     }
 
-    fn compute(&self, py: Python<'_>, task: Task) -> PyResult<Py<PyArray3<f32>>> {
+    fn cotangent(&self, cotangent: &Bound<'_, PyAny>) -> PyResult<Wanted> {
+        let values = images_in_any_unit(cotangent, "cotangent")?;
+        if values.iter().any(|value| !value.is_finite()) {
+            let range = "finite; give 0 for pixels that are left out";
+            return Err(raise(Error::out_of_range("cotangent", "not finite somewhere", range)));
+        }
+        let expected: [usize; 3] = self.shape().into();
+        if values.shape() != expected {
+            return Err(raise(Error::mismatch(
+                "shape [view, row, col] of the cotangent",
+                format!("{expected:?}"),
+                format!("{:?}", values.shape()),
+                "give a derivative for each pixel of the images",
+            )));
+        }
+        Ok(Wanted::Vjp(ViewStack { values }))
+    }
+
+    fn direction(&self, direction: &Bound<'_, PyAny>) -> PyResult<Wanted> {
+        let values = volume(direction, "direction")?.on(self.grid.0)?;
+        Ok(Wanted::Jvp(Volume::new(self.grid.0, values).map_err(raise)?))
+    }
+
+    fn compute(&self, py: Python<'_>, task: Task) -> PyResult<Vec<Py<PyArray3<f32>>>> {
         Ok(compute(py, vec![(&self.solver, task)])?.remove(0))
     }
 }
@@ -353,9 +466,10 @@ impl Expected {
     }
 }
 
-/// What a renderer is asked for, at an extinction.
+/// What a renderer is asked for, at an extinction and an effective radius.
 struct Task {
     extinction: Volume,
+    effective_radius: Option<Volume>,
     wanted: Wanted,
 }
 
@@ -365,74 +479,49 @@ enum Wanted {
     Jvp(Volume),
 }
 
-impl Task {
-    fn images(of: &Renderer, extinction: &Bound<'_, PyAny>) -> PyResult<Self> {
-        Ok(Self { extinction: of.extinction(extinction)?, wanted: Wanted::Images })
-    }
-
-    fn vjp(
-        of: &Renderer,
-        extinction: &Bound<'_, PyAny>,
-        cotangent: &Bound<'_, PyAny>,
-    ) -> PyResult<Self> {
-        let values = images_in_any_unit(cotangent, "cotangent")?;
-        if values.iter().any(|value| !value.is_finite()) {
-            let range = "finite; give 0 for pixels that are left out";
-            return Err(raise(Error::out_of_range("cotangent", "not finite somewhere", range)));
-        }
-        let expected: [usize; 3] = of.shape().into();
-        if values.shape() != expected {
-            return Err(raise(Error::mismatch(
-                "shape [view, row, col] of the cotangent",
-                format!("{expected:?}"),
-                format!("{:?}", values.shape()),
-                "give a derivative for each pixel of the images",
-            )));
-        }
-        let wanted = Wanted::Vjp(ViewStack { values });
-        Ok(Self { extinction: of.extinction(extinction)?, wanted })
-    }
-
-    fn jvp(
-        of: &Renderer,
-        extinction: &Bound<'_, PyAny>,
-        direction: &Bound<'_, PyAny>,
-    ) -> PyResult<Self> {
-        let values = volume(direction, "direction")?.on(of.grid.0)?;
-        let direction = Volume::new(of.grid.0, values).map_err(raise)?;
-        Ok(Self { extinction: of.extinction(extinction)?, wanted: Wanted::Jvp(direction) })
-    }
-}
-
-/// A model, and the images of the extinction for which it is solved.
+/// A model, and the images of the extinction and effective radius for which it is solved.
 struct Solver {
     model: OrdinatesModel,
     warm_start: bool,
     /// Whether a warning has been given, which would only be repeated at each step of a method.
     has_warned: bool,
-    solved: Option<(Volume, Array3<f32>)>,
+    solved: Option<(Volume, Option<Volume>, Array3<f32>)>,
 }
 
 impl Solver {
-    fn compute(&mut self, task: &Task, stop: &Stop) -> Result<Array3<f32>> {
+    fn compute(&mut self, task: &Task, stop: &Stop) -> Result<Vec<Array3<f32>>> {
         self.model.stop_by(stop.clone());
         if !self.warm_start {
             self.model.forget_adjoint();
         }
+        let Task { extinction, effective_radius, wanted } = task;
         let images = match self.solved.take() {
-            Some((extinction, images)) if extinction == task.extinction => images,
+            Some((solved, radius, images))
+                if solved == *extinction && radius == *effective_radius =>
+            {
+                images
+            }
             _ => {
                 if !self.warm_start {
                     self.model.forget();
                 }
-                self.model.images(&task.extinction)?.values
+                match effective_radius {
+                    None => self.model.images(extinction),
+                    Some(radius) => self.model.images_of_droplets(extinction, radius),
+                }?
+                .values
             }
         };
-        let (_, images) = self.solved.insert((task.extinction.clone(), images));
-        Ok(match &task.wanted {
-            Wanted::Images => images.clone(),
-            Wanted::Vjp(cotangent) => self.model.gradient(cotangent)?.values,
-            Wanted::Jvp(direction) => self.model.directional_derivative(direction)?.values,
+        let solved = (extinction.clone(), effective_radius.clone(), images);
+        let (.., images) = self.solved.insert(solved);
+        Ok(match wanted {
+            Wanted::Images => vec![images.clone()],
+            Wanted::Vjp(cotangent) => {
+                let found = self.model.derivatives(cotangent)?;
+                let by_radius = effective_radius.as_ref().map(|_| found.effective_radius.values);
+                [found.extinction.values].into_iter().chain(by_radius).collect()
+            }
+            Wanted::Jvp(direction) => vec![self.model.directional_derivative(direction)?.values],
         })
     }
 }
@@ -487,7 +576,10 @@ impl Drop for Taken {
 }
 
 /// Computes tasks of different solvers at the same time.
-fn compute(py: Python<'_>, tasks: Vec<(&Arc<Desk>, Task)>) -> PyResult<Vec<Py<PyArray3<f32>>>> {
+fn compute(
+    py: Python<'_>,
+    tasks: Vec<(&Arc<Desk>, Task)>,
+) -> PyResult<Vec<Vec<Py<PyArray3<f32>>>>> {
     // All take the solvers in the same order, so that no two wait for each other.
     let mut order: Vec<usize> = (0..tasks.len()).collect();
     order.sort_by_key(|number| Arc::as_ptr(tasks[*number].0));
@@ -516,7 +608,7 @@ fn compute(py: Python<'_>, tasks: Vec<(&Arc<Desk>, Task)>) -> PyResult<Vec<Py<Py
         for text in warnings {
             warn(py, &text)?;
         }
-        arrays.push(give(py, values));
+        arrays.push(values.into_iter().map(|values| give(py, values)).collect());
     }
     Ok(arrays)
 }

@@ -1,6 +1,7 @@
 """Derivatives of the images: the renderer, and its functions for PyTorch, JAX and SciPy."""
 
 import copy
+import importlib.util
 import pickle
 import subprocess
 import sys
@@ -292,4 +293,184 @@ def test_jax_compiles_and_maps(small):
     def of_mask(values):
         return images(jax.numpy.zeros(renderer.mask.size).at[inside].set(values).reshape(GRID.shape))
 
-    check_grads(of_mask, (batch[0].ravel()[inside],), order=1, modes=["rev"], eps=1.0, rtol=5e-3, atol=1e-5)
+    # Central differences in both modes.
+    options = {"order": 1, "modes": ["fwd", "rev"], "eps": 1.0, "rtol": 5e-3, "atol": 1e-5}
+    check_grads(of_mask, (batch[0].ravel()[inside],), **options)
+
+
+def test_jax_has_forward_mode(small):
+    jax = pytest.importorskip("jax")
+    import deepct_py.jax
+
+    renderer, batch = small
+    images = deepct_py.jax.images(renderer)
+    direction = (0.1 * batch[0]).astype(np.float32)
+    expected = renderer.jvp(batch[0], direction)
+    close = {"atol": 1e-5 * np.abs(expected).max()}
+
+    def forward(extinction):
+        return jax.jvp(images, (extinction,), (direction,))
+
+    radiance, change = forward(batch[0])
+    np.testing.assert_allclose(radiance, renderer.images(batch[0]), rtol=1e-5)
+    np.testing.assert_allclose(change, expected, **close)
+    np.testing.assert_allclose(jax.jit(forward)(batch[0])[1], expected, **close)
+    mapped = jax.jit(jax.vmap(forward))(batch)[1]
+    np.testing.assert_allclose(mapped[0], expected, **close)
+    np.testing.assert_allclose(mapped[1], renderer.jvp(batch[1], direction), **close)
+    _, along = jax.linearize(images, batch[0])
+    np.testing.assert_allclose(along(direction), expected, **close)
+    several = jax.vmap(along)(np.stack([direction, -2 * direction]))
+    np.testing.assert_allclose(several[1], -2 * expected, **close)
+    # One mode is the transpose of the other.
+    cotangent = np.random.default_rng(1).standard_normal(renderer.shape).astype(np.float32)
+    (back,) = jax.linear_transpose(along, direction)(cotangent)
+    np.testing.assert_allclose(back, renderer.vjp(batch[0], cotangent), atol=1e-5 * np.abs(back).max())
+    assert abs(dot(np.asarray(back), direction) - dot(expected, cotangent)) < 1e-5 * np.sqrt(
+        dot(expected, expected) * dot(cotangent, cotangent)
+    )
+    # The derivative of a function of the change, and the product of Gauss and Newton.
+    half = jax.grad(lambda d: 0.5 * (jax.jvp(images, (batch[0],), (d,))[1] ** 2).sum())(direction)
+    np.testing.assert_allclose(half, renderer.vjp(batch[0], expected), atol=1e-4 * np.abs(half).max())
+    with pytest.raises(NotImplementedError, match="second derivatives"):
+        jax.hessian(lambda extinction: (images(extinction) ** 2).sum())(batch[0])
+    with pytest.raises(ValueError, match="the extinction has the shape"):
+        images(batch[0, 1:])
+
+
+DROPLETS = deepct.Light(phase="mie", extinction="mie", wavelength=2.13, surface_albedo=0.05)
+
+
+@pytest.fixture(scope="module")
+def droplets():
+    """A renderer of extinction and effective radius, and both."""
+    extinction = blob(40.0, 0.4)
+    settings = {"accuracy": 0.03, "tolerance": 3e-7, "warm_start": False}
+    renderer = deepct.Renderer(
+        GRID, views(), DROPLETS, mask=extinction > 0, expected=extinction, **settings
+    )
+    radius = (7.3 + 4.0 * np.random.default_rng(3).random(GRID.shape)).astype(np.float32)
+    return renderer, extinction, radius
+
+
+def test_extinction_and_radius_have_their_derivatives(droplets):
+    renderer, extinction, radius = droplets
+    random = np.random.default_rng(1)
+    images = renderer.images(extinction, radius)
+    weights = random.uniform(0.5, 1.5, renderer.shape).astype(np.float32)
+    by_extinction, by_radius = renderer.vjp(extinction, weights, radius)
+    assert (by_radius[extinction == 0] == 0).all() and (by_radius[extinction > 10] != 0).all()
+    for _ in range(3):
+        # Short, as the derivative changes at the nodes of the table of droplet optics.
+        direction = 0.05 * random.uniform(0, 1, GRID.shape).astype(np.float32)
+        up, down = (renderer.images(extinction, radius + sign * direction) for sign in (1, -1))
+        difference = dot(up.astype(float) - down, weights) / 2
+        assert abs(dot(by_radius, direction) / difference - 1) < 0.01
+        direction = 0.05 * extinction * random.uniform(0, 1, GRID.shape).astype(np.float32)
+        up, down = (renderer.images(extinction + sign * direction, radius) for sign in (1, -1))
+        difference = (up.astype(float) - down) / 2
+        assert abs(dot(by_extinction, direction) / dot(difference, weights) - 1) < 1e-3
+        change = renderer.jvp(extinction, direction, radius)
+        assert np.linalg.norm(change - difference) < 2e-3 * np.linalg.norm(difference)
+    # The operator of SciPy, at constant radius.
+    if importlib.util.find_spec("scipy"):
+        import deepct_py.scipy
+
+        operator = deepct_py.scipy.derivative(renderer, extinction, radius)
+        np.testing.assert_array_equal(operator @ direction.ravel(), change.ravel())
+        np.testing.assert_array_equal(operator.T @ weights.ravel(), by_extinction.ravel())
+    # One radius in all voxels is that of a light.
+    settings = {"accuracy": 0.03, "tolerance": 3e-7, "expected": extinction}
+    prescribed = DROPLETS.replace(effective_radius=8.0)
+    other = deepct.Renderer(GRID, views(), prescribed, mask=extinction > 0, **settings)
+    eight = renderer.images(extinction, np.full(GRID.shape, 8.0))
+    np.testing.assert_allclose(eight, other.images(extinction), rtol=0.01)
+    assert not np.allclose(images, eight, rtol=0.01)
+    # A cloud states its droplets.
+    water = extinction / DROPLETS.extinction_per_water(radius)[0]
+    cloud = deepct.Cloud(GRID, liquid_water_content=water, effective_radius=radius)
+    np.testing.assert_allclose(renderer.images(cloud), images, rtol=1e-3)
+    for message, wrong in [
+        ("effective_radius is missing", lambda: renderer.images(extinction)),
+        ("has no effect", lambda: other.images(extinction, radius)),
+        ("shape", lambda: renderer.vjp(extinction, weights, radius[1:])),
+        ("beyond|table", lambda: renderer.images(extinction, 0 * radius + 90)),
+    ]:
+        with pytest.raises(ValueError, match=message):
+            wrong()
+
+
+def test_the_extinction_of_water():
+    """By hand in the geometric limit, and by central differences of Mie theory."""
+    radius = np.array([5.2, 8.3, 12.4, 20.0], np.float32).reshape(1, 2, 2)
+    value, slope = deepct.Light().extinction_per_water(radius)
+    np.testing.assert_allclose(value, 1500 / radius, rtol=1e-6)
+    np.testing.assert_allclose(slope, -1500 / radius**2, rtol=1e-6)
+    value, slope = DROPLETS.extinction_per_water(radius)
+    up, down = (DROPLETS.extinction_per_water(radius + step)[0] for step in (0.01, -0.01))
+    np.testing.assert_allclose(slope, (up - down) / 0.02, rtol=5e-3)
+    grid = deepct.Grid((1, 2, 2), (0.05, 0.05, 0.04))
+    cloud = deepct.Cloud(grid, liquid_water_content=0 * radius + 0.3, effective_radius=radius)
+    found = deepct.Renderer(grid, "cloudct-10", DROPLETS).light.extinction_per_water(cloud.effective_radius)
+    np.testing.assert_allclose(found[0], value)
+    for wrong in (0.0, -1.0, np.nan, 90.0):
+        with pytest.raises(ValueError, match="effective radius"):
+            DROPLETS.extinction_per_water(np.full((1, 1, 1), wrong))
+
+
+def test_torch_differentiates_by_water_and_radius(droplets):
+    torch = pytest.importorskip("torch")
+    import deepct_py.torch
+
+    renderer, extinction, radius = droplets
+    images = deepct_py.torch.Images(renderer)
+    per_water, slope = DROPLETS.extinction_per_water(radius)
+    water = torch.from_numpy(extinction / per_water).requires_grad_()
+    radii = torch.from_numpy(radius).requires_grad_()
+    radiance = images(water * deepct_py.torch.extinction_per_water(DROPLETS, radii), radii)
+    (radiance**2).sum().backward()
+    again = renderer.images(water.detach().numpy() * per_water, radius)
+    np.testing.assert_allclose(radiance.detach(), again, rtol=1e-5)
+    by_extinction, by_radius = renderer.vjp(water.detach().numpy() * per_water, 2 * again, radius)
+    expected = by_radius + by_extinction * water.detach().numpy() * slope
+    np.testing.assert_allclose(water.grad, by_extinction * per_water, atol=1e-4 * water.grad.abs().max())
+    np.testing.assert_allclose(radii.grad, expected, atol=1e-4 * np.abs(expected).max())
+    point = (torch.from_numpy(extinction), torch.from_numpy(radius))
+    still = torch.zeros_like(point[1])
+    change = torch.func.jvp(images, point, (point[0], still))[1]
+    np.testing.assert_allclose(change, renderer.jvp(extinction, extinction, radius), rtol=1e-4, atol=1e-7)
+    with pytest.raises(NotImplementedError, match="reverse mode only"):
+        torch.func.jvp(images, point, (point[0], point[1]))
+    mapped = torch.func.vmap(lambda r: deepct_py.torch.extinction_per_water(DROPLETS, r))(point[1])
+    np.testing.assert_allclose(mapped, per_water)
+    turned = torch.func.jvp(lambda r: deepct_py.torch.extinction_per_water(DROPLETS, r), point[1:], point[1:])
+    np.testing.assert_allclose(turned[1], slope * radius, rtol=1e-5)
+    with pytest.raises(ValueError, match="the effective radius has the shape"):
+        images(point[0], point[1][1:])
+
+
+def test_jax_differentiates_by_water_and_radius(droplets):
+    jax = pytest.importorskip("jax")
+    import deepct_py.jax
+
+    renderer, extinction, radius = droplets
+    images = deepct_py.jax.images(renderer)
+    per_water, slope = DROPLETS.extinction_per_water(radius)
+    water = (extinction / per_water).astype(np.float32)
+
+    def loss(water, radius):
+        found = water * deepct_py.jax.extinction_per_water(DROPLETS, radius)
+        return (images(found, radius) ** 2).sum()
+
+    by_water, by_radii = jax.jit(jax.grad(loss, (0, 1)))(water, radius)
+    again = renderer.images(water * per_water, radius)
+    by_extinction, by_radius = renderer.vjp(water * per_water, 2 * again, radius)
+    expected = by_radius + by_extinction * water * slope
+    np.testing.assert_allclose(by_water, by_extinction * per_water, atol=1e-4 * np.abs(by_water).max())
+    np.testing.assert_allclose(by_radii, expected, atol=1e-4 * np.abs(expected).max())
+    mapped = jax.vmap(jax.grad(loss, 1))(np.stack([water, water]), np.stack([radius, radius]))
+    np.testing.assert_allclose(mapped[1], by_radii, atol=1e-4 * np.abs(expected).max())
+    change = jax.jvp(lambda values: images(values, radius), (extinction,), (extinction,))[1]
+    np.testing.assert_allclose(change, renderer.jvp(extinction, extinction, radius), rtol=1e-4, atol=1e-7)
+    with pytest.raises(Exception, match="reverse mode only"):
+        jax.block_until_ready(jax.jvp(lambda values: images(extinction, values), (radius,), (radius,)))

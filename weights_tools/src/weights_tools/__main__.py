@@ -1,5 +1,5 @@
 """The command line: ``weights_tools VERB``, with the verbs ``generate``, ``train``, ``scenes``,
-``pack``, ``calibrate``, ``baselines``, ``export`` and ``check``."""
+``pack``, ``adapt``, ``calibrate``, ``baselines``, ``export`` and ``check``."""
 
 from __future__ import annotations
 
@@ -19,7 +19,8 @@ from weights_tools.errors import InputError
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a command. Returns 0 on success, 1 if ``check`` finds a difference, 2 on an error."""
+    """Run a command. Returns 0 on success, 1 if ``check`` finds a difference or ``adapt`` no better
+    weights, 2 on an error."""
     options = _parser().parse_args(arguments)
     try:
         return options.run(options)
@@ -95,6 +96,26 @@ def _parser() -> argparse.ArgumentParser:
     pack.add_argument("--start", type=Path, help="checkpoint with the initial parameters")
     pack.add_argument("--small", action="store_true", help="for `run.sh MINUTES OUT --small` only")
     pack.set_defaults(run=_pack)
+
+    tune = verbs.add_parser(
+        "adapt", help="fine-tune a network on images alone, without known clouds"
+    )
+    tune.add_argument("weights", help="weights file, or the name of built-in weights")
+    tune.add_argument("images", type=Path, nargs="+", help="files of images, one for each scene")
+    tune.add_argument("--out", type=Path, required=True, help="weights file to write")
+    tune.add_argument(
+        "--minutes", type=_positive, default=10.0, help="maximum duration (default: 10)"
+    )
+    tune.add_argument(
+        "--held-out",
+        type=_share,
+        default=0.2,
+        metavar="SHARE",
+        help="share of the views of each scene that judge the result (default: 0.2)",
+    )
+    tune.add_argument("--threads", type=_count, help="CPU threads of PyTorch (default: all)")
+    tune.add_argument("--seed", type=int, default=1, help="seed of all choices (default: 1)")
+    tune.set_defaults(run=_adapt)
 
     adjust = verbs.add_parser(
         "calibrate", help="correct the expected error of a general network by that found"
@@ -300,6 +321,23 @@ def _pack(options: argparse.Namespace) -> int:
     for line in pack(recipe, options.recipe, options.simulations, options.out, options.start):
         print(line, flush=True)
     return 0
+
+
+def _adapt(options: argparse.Namespace) -> int:
+    import torch
+
+    try:
+        import deepct_py  # noqa: F401
+
+        from weights_tools.adapt import Settings, adapt
+    except ModuleNotFoundError as problem:
+        remedy = "install deepct_py"
+        raise InputError("adapt", f"{problem.name} is missing", remedy) from None
+    if options.threads is not None:
+        torch.set_num_threads(options.threads)
+    settings = Settings(minutes=options.minutes, held_out=options.held_out, seed=options.seed)
+    report = partial(print, flush=True)
+    return 0 if adapt(options.weights, options.images, options.out, settings, report) else 1
 
 
 def _calibrate(options: argparse.Namespace) -> int:

@@ -60,17 +60,27 @@ class Estimator(nn.Module):
 
     def forward(self, images: Tensor) -> Tensor:
         """The extinction."""
-        views = self._of(images)
+        return self.of_planes(self.planes(images))[0]
+
+    def planes(self, images: Tensor, chosen: Tensor | None = None) -> Tensor:
+        """The input of :meth:`of_planes` from the images of the views with the numbers ``chosen``;
+        by default all. It does not depend on the parameters of the network."""
+        views = self._of(images, chosen)
         if self.description.surface_albedo is not None:
             images = above_surface(images, views, self.description.surface_albedo)
         scaled = images * self.description.input_scale
-        planes = on_planes(scaled, views, self.network.architecture.heights)
-        extinction, _ = self.network(planes, views).chunk(2, 1)
-        return self._factor * extinction
+        return on_planes(scaled, views, self.network.architecture.heights)
 
-    def _of(self, images: Tensor) -> Views:
-        """The views of each scene of a batch."""
+    def of_planes(self, planes: Tensor, chosen: Tensor | None = None) -> tuple[Tensor, Tensor]:
+        """The extinction and its expected error (1/km) from the planes of the chosen views."""
+        extinction, error = self.network(planes, self._of(planes, chosen)).chunk(2, 1)
+        return self._factor * extinction, self._factor * error
+
+    def _of(self, images: Tensor, chosen: Tensor | None) -> Views:
+        """The chosen views, for each scene of a batch."""
         views = self.views.to(images)
+        if chosen is not None:
+            views = views.select(chosen[None])
         return Views(*(each.expand(len(images), *each.shape[1:]) for each in vars(views).values()))
 
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import stat
 from pathlib import Path
+from typing import Any
 
 from weights_tools.errors import InputError
 
@@ -33,3 +35,21 @@ def read_file(path: str | Path, remedy: str) -> bytes:
         return regular_file(path, remedy).read_bytes()
     except OSError as problem:
         raise InputError(path, problem.strerror or "cannot be read", remedy) from None
+
+
+def weights_header(contents: bytes, path: str | Path, remedy: str) -> dict[str, Any]:
+    """The metadata of deepct in the contents of a weights file (safetensors).
+
+    Raises :class:`InputError` with ``remedy`` if there are none.
+    """
+    try:
+        # The length of the header precedes it.
+        length = int.from_bytes(contents[:8], "little")
+        entries = json.loads(contents[8 : 8 + length])
+        header = json.loads((entries.get("__metadata__") or {})["deepct"])
+        if not isinstance(header, dict):
+            raise ValueError("its metadata are not an object")
+    except (KeyError, ValueError, AttributeError, TypeError) as problem:
+        reason = " ".join(str(problem).split())
+        raise InputError(path, f"is not a weights file ({reason})", remedy) from None
+    return header

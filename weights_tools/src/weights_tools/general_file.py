@@ -14,7 +14,7 @@ from torch import Tensor
 import weights_tools
 from weights_tools.checkpoint import load_checkpoint, write_whole
 from weights_tools.errors import InputError
-from weights_tools.files import regular_file
+from weights_tools.files import read_file, weights_header
 from weights_tools.general import GeneralArchitecture, GeneralNetwork, with_extremes
 from weights_tools.unbiased import BIASED_SCORES, unbiased_scale
 
@@ -102,17 +102,18 @@ def read_general_weights(path: str | Path) -> GeneralWeights:
     Raises :class:`InputError` for a file that is missing or damaged, of another kind or version,
     or has unknown, missing or impossible values.
     """
-    from safetensors import SafetensorError, safe_open
+    return parse_general_weights(read_file(path, _REMEDY), path)
 
-    regular_file(path, _REMEDY)
+
+def parse_general_weights(contents: bytes, path: str | Path) -> GeneralWeights:
+    """The weights in the contents of the file ``path``, as :func:`read_general_weights`."""
+    from safetensors import SafetensorError
+    from safetensors.torch import load
+
+    header = weights_header(contents, path, _REMEDY)
     try:
-        with safe_open(str(path), "pt") as file:
-            text = (file.metadata() or {})["deepct"]
-            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
-        header = json.loads(text)
-        if not isinstance(header, dict):
-            raise ValueError("its metadata are not an object")
-    except (OSError, SafetensorError, KeyError, ValueError) as problem:
+        tensors = load(contents)
+    except (SafetensorError, ValueError) as problem:
         reason = " ".join(str(problem).split())
         raise InputError(path, f"is not a weights file ({reason})", _REMEDY) from None
     try:

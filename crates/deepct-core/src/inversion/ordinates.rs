@@ -4,7 +4,7 @@ use super::{Domain, Fields, ForwardModel, Models, Radius};
 use crate::error::{Error, Result};
 use crate::grid::{Grid, Volume};
 use crate::image::ViewStack;
-use crate::optics::{DropletTable, GEOMETRIC_EXTINCTION, Medium, Scattering};
+use crate::optics::{DropletTable, Medium, Scattering, extinction_per_water};
 use crate::scene::{ExtinctionModel, Observation, Scene, View};
 use crate::stop::Stop;
 use crate::transport::{Derivatives, OrdinatesModel, OrdinatesSettings};
@@ -86,13 +86,7 @@ impl Band {
     /// The extinction per liquid water content (1/km per g/m3) of droplets of an effective radius
     /// (um), and its derivative.
     fn extinction_per_water(&self, radius: f64) -> [f64; 2] {
-        match &self.extinction {
-            Some(table) => [
-                table.mixture(radius).extinction_per_water,
-                table.mixture_derivative(radius).extinction_per_water,
-            ],
-            None => [GEOMETRIC_EXTINCTION / radius, -GEOMETRIC_EXTINCTION / (radius * radius)],
-        }
+        extinction_per_water(self.extinction.as_deref(), radius)
     }
 }
 

@@ -47,6 +47,6 @@ pub use units::unit_factor;
 #[cfg(feature = "files")]
 pub use weights::write_weights;
 pub use weights::{
-    GENERAL_WEIGHTS, MAX_WEIGHTS_BYTES, built_in_weights, load_trained_weights, load_weights,
-    parse_trained_weights, parse_weights, read_trained_weights, read_weights,
+    GENERAL_WEIGHTS, MAX_WEIGHTS_BYTES, built_in_contents, built_in_weights, load_trained_weights,
+    load_weights, parse_trained_weights, parse_weights, read_trained_weights, read_weights,
 };

@@ -104,6 +104,11 @@ pub fn built_in_weights() -> impl Iterator<Item = &'static str> {
     BUILT_IN.iter().map(|(name, _)| *name)
 }
 
+/// The contents of the file of built-in weights.
+pub fn built_in_contents(name: &str) -> Option<&'static [u8]> {
+    BUILT_IN.iter().find(|(known, _)| *known == name).map(|(_, bytes)| *bytes)
+}
+
 /// Load weights of either kind from a file, or built-in weights by name.
 ///
 /// # Errors

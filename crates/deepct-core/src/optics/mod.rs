@@ -166,6 +166,24 @@ pub fn droplet_extinction(cloud: &Cloud, table: &DropletTable) -> Result<Volume>
     Volume::new(cloud.grid, values)
 }
 
+/// The extinction per liquid water content (1/km per g/m3) of droplets of an effective radius (um), and
+/// its derivative (per um): of a table, or in the large-droplet limit of [`extinction`].
+pub(crate) fn extinction_per_water(
+    table: Option<&DropletTable>,
+    effective_radius: f64,
+) -> [f64; 2] {
+    match table {
+        Some(table) => [
+            table.mixture(effective_radius).extinction_per_water,
+            table.mixture_derivative(effective_radius).extinction_per_water,
+        ],
+        None => {
+            let value = GEOMETRIC_EXTINCTION / effective_radius;
+            [value, -value / effective_radius]
+        }
+    }
+}
+
 fn microphysics(cloud: &Cloud) -> Result<&Microphysics> {
     cloud.microphysics.as_ref().ok_or_else(|| {
         Error::out_of_range(

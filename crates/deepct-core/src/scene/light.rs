@@ -11,7 +11,7 @@ use crate::grid::Volume;
 use crate::optics::air::Air;
 use crate::optics::{
     CLOUD_ASYMMETRY, DropletSettings, DropletTable, Medium, PhaseFunction, SizeDistribution,
-    droplet_extinction, extinction,
+    droplet_extinction, extinction, extinction_per_water,
 };
 use ndarray::{Array3, Zip};
 use serde::{Deserialize, Serialize};
@@ -255,7 +255,7 @@ impl Light {
         let radii = effective_radius.values.clone();
         let cloud = Cloud::from_extinction_and_radii(extinction.clone(), radii)?;
         let geometric = cloud.microphysics.expect("made from droplets");
-        let settings = self.droplet_settings(&Cloud { microphysics: None, ..cloud });
+        let settings = self.droplet_settings(None);
         let mut liquid_water_content = geometric.liquid_water_content;
         if self.optics.extinction == ExtinctionModel::Mie {
             let table = DropletTable::shared(&settings, self.optics.bandwidth, None)?;
@@ -273,6 +273,42 @@ impl Light {
             effective_variance: Array3::from_elem(extinction.grid.shape, variance),
             effective_radius: geometric.effective_radius,
         })
+    }
+
+    /// The extinction per liquid water content (1/km per g/m3) of droplets of the given effective radii
+    /// (um), and its derivative (per um): `1500 / r` in the geometric limit, otherwise that of Mie theory,
+    /// with the derivative of [`DropletTable::mixture_derivative`].
+    ///
+    /// # Errors
+    /// Returns an error if a value of the light is out of range, or if a radius is not positive or beyond
+    /// the table of droplet optics.
+    pub fn extinction_per_water(
+        &self,
+        effective_radius: &Array3<f32>,
+    ) -> Result<(Array3<f32>, Array3<f32>)> {
+        self.check()?;
+        let table = match self.optics.extinction {
+            ExtinctionModel::Geometric => None,
+            ExtinctionModel::Mie => Some(DropletTable::shared(
+                &self.droplet_settings(None),
+                self.optics.bandwidth,
+                None,
+            )?),
+        };
+        let last = table.as_ref().and_then(|table| table.nodes().last());
+        // The last radius of the table must pass when it is stored in single precision.
+        let most = last.map_or(f64::INFINITY, |node| node.effective_radius * (1.0 + 1e-6));
+        let is_outside = |radius: &&f32| !(**radius > 0.0 && f64::from(**radius) <= most);
+        if let Some(radius) = effective_radius.iter().find(is_outside) {
+            let range = format!("above 0 and at most {most:.4} um");
+            return Err(Error::out_of_range("effective radius", radius, range));
+        }
+        let part = |number: usize| {
+            effective_radius.mapv(|radius| {
+                extinction_per_water(table.as_deref(), f64::from(radius))[number] as f32
+            })
+        };
+        Ok((part(0), part(1)))
     }
 
     /// As [`Light::scene`], with the droplet optics of [`Light::droplet_table`], which can be used
@@ -321,7 +357,7 @@ impl Light {
         if self.optics.phase != PhaseModel::Mie && !self.is_extinction_by_droplets(cloud) {
             return Ok(None);
         }
-        let settings = self.droplet_settings(cloud);
+        let settings = self.droplet_settings(cloud.microphysics.as_ref());
         let width = self.optics.bandwidth;
         let table = match (&cloud.microphysics, self.optics.effective_radius) {
             (None, Some(radius)) => DropletTable::shared(&settings, width, Some(&[radius]))?,
@@ -344,9 +380,10 @@ impl Light {
         light
     }
 
-    fn droplet_settings(&self, cloud: &Cloud) -> DropletSettings {
+    /// The droplets of a cloud; those of one without known droplets if `None`.
+    fn droplet_settings(&self, droplets: Option<&Microphysics>) -> DropletSettings {
         let water = DropletSettings::water(self.wavelength);
-        let mean = cloud.microphysics.as_ref().map(Microphysics::mean_effective_variance);
+        let mean = droplets.map(Microphysics::mean_effective_variance);
         let variance = self.optics.effective_variance.or(mean);
         DropletSettings {
             effective_variance: variance.unwrap_or(water.effective_variance),

@@ -35,18 +35,38 @@ class Scenes:
                 )
         self._renderers = list(self._first)
 
+    def check(self, extinction, effective_radius=None):
+        """Refuse arrays that are no volumes of the renderers."""
+        for name, array in (("extinction", extinction), ("effective radius", effective_radius)):
+            if array is not None and tuple(array.shape[-3:]) != self.volume:
+                raise ValueError(
+                    f"the {name} has the shape {tuple(array.shape)}, but must have the shape "
+                    f"[..., z, y, x] with {self.volume} voxels"
+                )
+
     def __call__(self, method, *arrays):
-        """The results of a method of the renderers for each scene of the arrays."""
+        """The results of a method of the renderers for each scene of the arrays, as a list.
+
+        The arrays are the point, that is the extinction and, if the images are a function of it, the
+        effective radius; and then the cotangent of ``vjp``, or the direction of each array of the point for
+        ``jvp``. There is one result, and for ``vjp`` one for each array of the point.
+        """
         batch = arrays[0].shape[:-3]
         if not self._is_single and batch[-1:] != (len(self._first),):
             raise ValueError(
                 f"there are {len(self._first)} renderers, but the extinction has the shape "
                 f"{arrays[0].shape}: its axis before the last three must have one element for each of them"
             )
+        if method == "jvp" and len(arrays) == 4:
+            if arrays[3].any():
+                raise NotImplementedError(
+                    "derivatives with respect to the effective radius exist in reverse mode only"
+                )
+            arrays = arrays[:3]
         count = math.prod(batch)
         while len(self._renderers) < count:
             self._renderers.append(copy.copy(self._first[len(self._renderers) % len(self._first)]))
         rows = [array.reshape((count,) + array.shape[len(batch) :]) for array in arrays]
         results = side_by_side(self._renderers[:count], method, list(zip(*rows)))
-        shape = self.shape if method != "vjp" else self.volume
-        return np.array(results, np.float32).reshape(batch + shape)
+        shape = self.volume if method == "vjp" else self.shape
+        return [np.array(each, np.float32).reshape(batch + shape) for each in zip(*results)]

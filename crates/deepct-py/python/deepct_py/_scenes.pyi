@@ -1,5 +1,5 @@
 from collections.abc import Sequence
-from typing import Any, Literal, Union
+from typing import Any, Literal, Optional, Union
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,7 @@ class Scenes:
     shape: tuple[int, int, int]
     volume: tuple[int, int, int]
     def __init__(self, renderers: Renderers) -> None: ...
+    def check(self, extinction: Any, effective_radius: Optional[Any] = None) -> None: ...
     def __call__(
         self, method: Literal["images", "vjp", "jvp"], *arrays: NDArray[Any]
-    ) -> NDArray[np.float32]: ...
+    ) -> list[NDArray[np.float32]]: ...

@@ -3,7 +3,7 @@
 SciPy has to be installed; ``import deepct_py`` does not require it.
 """
 
-from typing import Any
+from typing import Any, Optional
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,7 +14,9 @@ from . import Renderer
 __all__ = ["derivative"]
 
 
-def derivative(renderer: Renderer, extinction: ArrayLike) -> Any:
+def derivative(
+    renderer: Renderer, extinction: ArrayLike, effective_radius: Optional[ArrayLike] = None
+) -> Any:
     """The derivative of the images with respect to the extinction, without its matrix.
 
     Parameters
@@ -24,6 +26,8 @@ def derivative(renderer: Renderer, extinction: ArrayLike) -> Any:
         product solve for this one again.
     extinction : array [z, y, x]
         Extinction (1/km) at which the derivative is taken.
+    effective_radius : array [z, y, x], optional
+        Effective radius (um), which is constant, for a renderer whose images are a function of it.
 
     Returns
     -------
@@ -43,13 +47,18 @@ def derivative(renderer: Renderer, extinction: ArrayLike) -> Any:
     (10240, 20480)
     """
     point = np.array(extinction, np.float32)
+    radius = None if effective_radius is None else np.array(effective_radius, np.float32)
 
     def product(direction: NDArray[Any]) -> NDArray[np.float64]:
-        images = renderer.jvp(point, direction.reshape(renderer.grid.shape))
+        images = renderer.jvp(point, direction.reshape(renderer.grid.shape), radius)
         return images.ravel().astype(np.float64)
 
     def transposed(cotangent: NDArray[Any]) -> NDArray[np.float64]:
-        gradient = renderer.vjp(point, cotangent.reshape(renderer.shape))
+        weights = cotangent.reshape(renderer.shape)
+        if radius is None:
+            gradient = renderer.vjp(point, weights)
+        else:
+            gradient, _ = renderer.vjp(point, weights, radius)
         return gradient.ravel().astype(np.float64)
 
     shape = (int(np.prod(renderer.shape)), int(np.prod(renderer.grid.shape)))
