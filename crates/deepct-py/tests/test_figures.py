@@ -12,7 +12,7 @@ import deepct_py
 
 SVG = "{http://www.w3.org/2000/svg}"
 HREF = "{http://www.w3.org/1999/xlink}href"
-PLACE = "x = 0.65 km"
+PLACE = "x = 0.95 km"
 TITLE = "Truth & estimate <of a cloud>"
 
 
