@@ -782,6 +782,8 @@ def plot(
     overwrite: bool = False,
 ) -> Figure: ...
 
+@final
+@disjoint_base
 class Page:
     def __new__(cls, html: str) -> Page: ...
     @property
