@@ -783,7 +783,6 @@ def plot(
 ) -> Figure: ...
 
 @final
-@disjoint_base
 class Page:
     def __new__(cls, html: str) -> Page: ...
     @property
