@@ -227,3 +227,25 @@ def test_notebooks_show_the_view(tmp_path):
     assert deepct_py.view(large)._repr_html_().count("<iframe") == 1
     # What has no volume is a table alone.
     assert "<iframe" not in cloud.grid._repr_html_()
+
+
+def test_the_frame_in_a_notebook_draws(tmp_path):
+    """The frame may run scripts only, and tells the page around it what it has drawn."""
+    cloud = deepct_py.generate_cloud(seed=3, shape=(16, 32, 32))
+    tell = html.escape("""<script>
+      const look = () => {
+        const canvas = document.querySelector('canvas.view');
+        if (!canvas) return setTimeout(look, 50);
+        const pixels = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height).data;
+        parent.postMessage(new Set(new Uint32Array(pixels.buffer)).size, '*');
+      };
+      setTimeout(look, 500);
+    </script>""")
+    frame = re.search("<iframe.*?srcdoc=", cloud._repr_html_(), re.S).group()
+    page = html.escape(deepct_py.view(cloud).html)
+    (tmp_path / "notebook.html").write_text(
+        f'<html><head></head><body>{frame}"{page}{tell}"></iframe></body></html>', encoding="utf-8")
+    found = examine(tmp_path / "notebook.html", """
+      return new Promise(done => { window.onmessage = event => done(event.data); });
+    """)
+    assert found > 20
