@@ -7,7 +7,12 @@
 LES.nc is a field of clouds on voxels of 50 x 50 x 40 m. Its south-western columns, between open sides,
 are seen by ten views: Monte Carlo images (128 photon paths per pixel) with the noise of a sensor. For
 each method the script prints epsilon and delta of the whole field, the processor time, the elapsed time
-and the largest memory of the process. Fields are computed as one, so that there are no seams. Results in DIR are used again.
+and the largest memory of the process. Results in DIR are used again.
+
+A hybrid of more than 144 columns is computed in tiles of 96. For such a field the script also prints epsilon
+within two voxels of the seams between tiles and elsewhere, and epsilon of bands of the same form at all other
+places, whose mean and standard deviation tell what chance does. The estimate of the network has no seams: its
+epsilon at the same places tells how difficult the clouds there are. Requires numpy and deepct_py.
 """
 
 from __future__ import annotations
@@ -19,6 +24,16 @@ import subprocess
 import tempfile
 import time
 from pathlib import Path
+
+import deepct_py
+import numpy as np
+
+WHOLE = 144
+"""Columns along a side up to which a hybrid is computed as one."""
+TILE = 96
+"""Columns of a tile along a side."""
+NEAR = 2
+"""Voxels on each side of a seam that belong to it."""
 
 METHODS = {
     "network": ["infer", "--carve"],
@@ -55,6 +70,8 @@ def main() -> None:
                 f"  {used['cpu']:7.0f}  {used['elapsed']:11.0f}  {used['memory']:11.2f}",
                 flush=True,
             )
+            if columns > WHOLE:
+                print(f"{'':9}{seams(cloud, out)}", flush=True)
 
 
 def images(arguments: argparse.Namespace, work: Path, columns: int) -> tuple[Path, Path]:
@@ -71,6 +88,31 @@ def images(arguments: argparse.Namespace, work: Path, columns: int) -> tuple[Pat
         if not out.exists():
             run(arguments.program, [*line, "--out", out])
     return cloud, noisy
+
+
+def seams(cloud: Path, out: Path) -> str:
+    """Epsilon near the seams and elsewhere."""
+    volume = deepct_py.read_volume(out)
+    truth = deepct_py.Estimate(volume.grid, deepct_py.read_cloud(cloud), light=volume.light).extinction
+    truth = truth.astype("f8")
+    error = np.abs(volume.extinction - truth)
+
+    def near(shift: int) -> np.ndarray:
+        """The columns within two voxels of the seams, if these were shifted."""
+        lines = np.arange(TILE, truth.shape[1], TILE) + shift
+        distance = np.abs(np.arange(truth.shape[1])[:, None] + 0.5 - lines).min(axis=1) < NEAR
+        return distance[:, None] | distance
+
+    def epsilon(columns: np.ndarray) -> float:
+        return error[:, columns].sum() / truth[:, columns].sum()
+
+    at_seams = near(0)
+    shifts = [shift for shift in range(-TILE // 2, TILE // 2) if abs(shift) > 2 * NEAR]
+    others = [epsilon(near(shift)) for shift in shifts]
+    return (
+        f"epsilon {epsilon(at_seams):.3f} at the seams, {epsilon(~at_seams):.3f} elsewhere; "
+        f"{np.mean(others):.3f} +- {np.std(others):.3f} in such bands at other places"
+    )
 
 
 def run(program: Path, line: list) -> None:

@@ -116,13 +116,13 @@ impl Results {
         io::write_volume(at("estimate.nc"), &self.estimate, &provenance("Network estimate"))?;
         let title = "Images of the ten views";
         contact_sheet(
-            at("images.png"),
             &self.noisy.images,
             &self.noisy.geometry(),
             self.noisy.light.wavelength,
             &[],
             title,
-        )?;
+        )?
+        .write(at("images.png"))?;
         let title = "Cumulus reconstructed from ten noisy views";
         let fields = VolumeFields {
             extinction: Some(&self.estimate),
@@ -130,7 +130,7 @@ impl Results {
             mask: Some(&self.mask),
             ..Default::default()
         };
-        volume_figure(at("cloud.png"), &fields, title)
+        volume_figure(&fields, title)?.write(at("cloud.png"))
     }
 
     fn print_scores(&self, bare: &Volume) -> Result<()> {

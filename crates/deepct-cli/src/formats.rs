@@ -65,8 +65,10 @@ Written by `convert`, by the ending of the name
   .png      images: the same, one file per view
   .exr      images: OpenEXR, 32-bit floats, one layer per view, north up (also render --exr)
 
-Written by `plot` and `render --png`
-  .png      figures
+Written by `plot`, `render --png` and `images check --png`
+  .png      figures as pixels
+  .svg      figures as lines and text, with colour maps as pixels
+  .pdf      the same
 ";
 
 pub(crate) fn run(_args: &Args) -> deepct_core::Result<Outcome> {

@@ -7,7 +7,7 @@ use deepct_core::files::check_output;
 use deepct_core::io::{GENERAL_WEIGHTS, load_trained_weights, read_derived_observation};
 use deepct_core::math::{DVec3, Ray};
 use deepct_core::network::Estimator;
-use deepct_core::plot::contact_sheet;
+use deepct_core::plot::{Format, contact_sheet};
 use deepct_core::scene::{Meeting, Observation, View};
 use deepct_core::{Error, Result};
 use serde::Serialize;
@@ -40,14 +40,18 @@ struct CheckArgs {
     /// Print JSON
     #[arg(long)]
     json: bool,
-    /// Also draw the images, with a cross where the point at which the bright parts meet is in each
+    /// Also draw the images (.png, .svg or .pdf), with a cross where the point at which the bright parts
+    /// meet is in each
     #[arg(long, value_name = "FIG.png")]
     png: Option<PathBuf>,
 }
 
 pub(crate) fn run(args: &Args) -> Result<Outcome> {
     let Verb::Check(args) = &args.verb;
-    args.png.as_deref().map(check_output).transpose()?;
+    if let Some(png) = &args.png {
+        check_output(png)?;
+        Format::of(png, "--png")?;
+    }
     let (observation, derived) = read_derived_observation(&args.images)?;
     let summary = Summary::of(&observation, derived).map_err(Error::in_file(&args.images))?;
     if args.json {
@@ -62,13 +66,13 @@ pub(crate) fn run(args: &Args) -> Result<Outcome> {
         let marks: Vec<_> = observation.views.iter().map(mark).collect();
         let title = args.images.display().to_string();
         contact_sheet(
-            png,
             &observation.images,
             &observation.geometry(),
             observation.light.wavelength,
             &marks,
             &title,
-        )?;
+        )?
+        .write(png)?;
     }
     Ok(Outcome::Success)
 }

@@ -5,16 +5,18 @@ use crate::outcome::Outcome;
 use crate::photograph::photograph;
 use deepct_core::grid::Volume;
 use deepct_core::io::{Drawing, Field, read_drawing, read_extinction};
-use deepct_core::plot::{VolumeFields, contact_sheet, photograph_figure, volume_figure};
+use deepct_core::plot::{
+    Figure, Format, VolumeFields, contact_sheet, photograph_figure, volume_figure,
+};
 use deepct_core::scene::Light;
 use deepct_core::{Error, Result};
 use std::path::PathBuf;
 
-/// Draw a volume or a mask, alone or beside the truth, or a sheet of images, as a PNG file
+/// Draw a volume or a mask, alone or beside the truth, or a sheet of images, as PNG, SVG or PDF
 ///
-/// A volume is drawn in slices through the centre of mass of its extinction and as optical depths,
-/// with its uncertainty and its mask if the file has them. Colour scales end at the 99.8th
-/// percentile of the values that are not zero.
+/// A volume is drawn in the slices with the most extinction and as optical depths, with its uncertainty
+/// and its mask if the file has them. Colour scales end at the 99.8th percentile of the values that are
+/// not zero.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
     /// File of a volume, a cloud, a mask or images
@@ -29,37 +31,32 @@ pub(crate) struct Args {
     /// Title of the figure; by default the name of the file
     #[arg(long, value_name = "TEXT")]
     title: Option<String>,
-    /// PNG file to write
+    /// File to write: .png, .svg or .pdf
     #[arg(long, value_name = "FIG.png")]
     out: PathBuf,
 }
 
 pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
     deepct_core::files::check_output(&args.out)?;
-    if args.out.extension().is_none_or(|extension| !extension.eq_ignore_ascii_case("png")) {
-        let range = "the name of a PNG file, ending in .png";
-        return Err(Error::out_of_range("--out", args.out.display(), range));
-    }
+    Format::of(&args.out, "--out")?;
     let (content, light) = read_drawing(&args.file, &Light::default())?;
     let light = light.unwrap_or_default();
-    match content {
-        Drawing::Field(field) => args.draw_field(&field, &light, global)?,
+    let figure = match content {
+        Drawing::Field(field) => args.field_figure(&field, &light, global),
         Drawing::Images(_) if args.truth.is_some() || args.photograph => {
             let remedy = "omit --truth and --photograph, or give a volume";
             let problem = "are images, which are drawn as they are";
-            return Err(Error::file(&args.file, "radiance", problem, remedy));
+            Err(Error::file(&args.file, "radiance", problem, remedy))
         }
-        Drawing::Images(observation) => {
-            contact_sheet(
-                &args.out,
-                &observation.images,
-                &observation.geometry(),
-                observation.light.wavelength,
-                &[],
-                &args.title(),
-            )?;
-        }
-    }
+        Drawing::Images(observation) => contact_sheet(
+            &observation.images,
+            &observation.geometry(),
+            observation.light.wavelength,
+            &[],
+            &args.title(),
+        ),
+    }?;
+    figure.write(&args.out)?;
     Ok(Outcome::Success)
 }
 
@@ -69,7 +66,7 @@ impl Args {
         self.title.clone().unwrap_or_else(name)
     }
 
-    fn draw_field(&self, field: &Field, light: &Light, global: &Global) -> Result<()> {
+    fn field_figure(&self, field: &Field, light: &Light, global: &Global) -> Result<Figure> {
         let truth = self.truth.as_deref().map(|path| read_extinction(path, light)).transpose()?;
         let extinction = field.estimate.as_ref().map(|estimate| &estimate.extinction);
         if self.photograph {
@@ -77,7 +74,7 @@ impl Args {
                 let (problem, remedy) = ("is missing", "give a volume or a cloud");
                 return Err(Error::file(&self.file, "extinction", problem, remedy));
             };
-            return self.draw_photographs(extinction, truth.as_ref(), light, global);
+            return self.photographs(extinction, truth.as_ref(), light, global);
         }
         let fields = VolumeFields {
             extinction,
@@ -85,16 +82,16 @@ impl Args {
             uncertainty: field.estimate.as_ref().and_then(|one| one.uncertainty.as_ref()),
             mask: field.mask.as_ref(),
         };
-        volume_figure(&self.out, &fields, &self.title()).map_err(Error::in_file(&self.file))
+        volume_figure(&fields, &self.title()).map_err(Error::in_file(&self.file))
     }
 
-    fn draw_photographs(
+    fn photographs(
         &self,
         extinction: &Volume,
         truth: Option<&Volume>,
         light: &Light,
         global: &Global,
-    ) -> Result<()> {
+    ) -> Result<Figure> {
         let names = truth.map(|truth| ("truth", truth)).into_iter();
         let named = names.chain([(if truth.is_some() { "estimate" } else { "" }, extinction)]);
         let subject = truth.unwrap_or(extinction);
@@ -110,6 +107,6 @@ impl Args {
             "from the {from}; {} \u{b5}m; Sun at zenith {zenith:.0}\u{b0}, azimuth {azimuth:.0}\u{b0}",
             light.wavelength
         );
-        photograph_figure(&self.out, &pictures, &self.title(), &caption)
+        photograph_figure(&pictures, &self.title(), &caption)
     }
 }

@@ -12,7 +12,7 @@ use deepct_core::io::{
     write_observation,
 };
 use deepct_core::network::{TrainedWeights, Weights};
-use deepct_core::plot::contact_sheet;
+use deepct_core::plot::{Format, contact_sheet};
 use deepct_core::scene::{Light, Observation, Scene, Sun, VIEW_FILE_HELP, View, ViewList};
 use deepct_core::transport::{
     FluxSettings, Fluxes, MonteCarloSettings, OrdinatesSettings, Rendering, Solver, fluxes, render,
@@ -99,7 +99,7 @@ pub(crate) struct Args {
     /// Also write the images as OpenEXR, one layer per view
     #[arg(long, value_name = "I.exr")]
     exr: Option<PathBuf>,
-    /// Also write a PNG file that shows all images
+    /// Also write a figure of all images: .png, .svg or .pdf
     #[arg(long, value_name = "I.png")]
     png: Option<PathBuf>,
     #[command(flatten)]
@@ -130,6 +130,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
     for out in [Some(&args.out), args.exr.as_ref(), args.png.as_ref()].into_iter().flatten() {
         check_output(out)?;
     }
+    args.png.as_ref().map(|png| Format::of(png, "--png")).transpose()?;
     args.check_solver()?;
     args.ordinates()?;
     if matches!(args.solver, Method::Ordinates) {
@@ -293,7 +294,8 @@ impl Args {
         if let Some(path) = &self.png {
             let title = out.file_stem().unwrap_or_default().to_string_lossy();
             let (geometry, wavelength) = (observation.geometry(), light.wavelength);
-            contact_sheet(name(path), &observation.images, &geometry, wavelength, &[], &title)?;
+            contact_sheet(&observation.images, &geometry, wavelength, &[], &title)?
+                .write(name(path))?;
         }
         for warning in &warnings {
             note!("deepct: warning: {warning}");

@@ -38,8 +38,8 @@ fn main() -> Result<()> {
     let figure = |name: &str| folder.join(name);
     let fields =
         VolumeFields { extinction: Some(&estimate), truth: Some(&truth), ..Default::default() };
-    volume_figure(figure("volume.png"), &fields, "Three puffs, smoothed")?;
-    scatter_figure(figure("scatter.png"), &truth, &estimate, "Three puffs, smoothed")?;
+    volume_figure(&fields, "Three puffs, smoothed")?.write(figure("volume.png"))?;
+    scatter_figure(&truth, &estimate, "Three puffs, smoothed")?.write(figure("scatter.svg"))?;
     let nadir = ViewGeometry {
         sun_zenith_deg: 30.0,
         sun_azimuth_deg: 45.0,
@@ -49,7 +49,7 @@ fn main() -> Result<()> {
         camera_distance_km: Vec::new(),
     };
     let title = "Full and half the irradiance";
-    contact_sheet(figure("images.png"), &images, &nadir, 0.672, &[], title)?;
-    println!("volume.png, scatter.png and images.png are in {}", folder.display());
+    contact_sheet(&images, &nadir, 0.672, &[], title)?.write(figure("images.pdf"))?;
+    println!("volume.png, scatter.svg and images.pdf are in {}", folder.display());
     Ok(())
 }

@@ -46,6 +46,8 @@ pub mod cloud;
 pub mod conv;
 #[cfg(feature = "files")]
 pub mod dataset;
+#[cfg(feature = "plot")]
+mod encoding;
 pub mod error;
 #[cfg(all(feature = "files", feature = "plot"))]
 pub mod experiment;

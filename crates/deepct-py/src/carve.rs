@@ -49,7 +49,7 @@ pub(crate) struct Carved {
     lineage: Lineage,
 }
 
-record!(Carved);
+record!(@volume Carved);
 
 impl Record for Carved {
     fn arguments<'py>(of: &Bound<'py, Self>) -> PyResult<Bound<'py, PyDict>> {

@@ -78,7 +78,7 @@ pub(crate) struct Cloud {
     lineage: Lineage,
 }
 
-record!(Cloud);
+record!(@volume Cloud);
 
 impl Record for Cloud {
     fn arguments<'py>(of: &Bound<'py, Self>) -> PyResult<Bound<'py, PyDict>> {

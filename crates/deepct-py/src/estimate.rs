@@ -49,7 +49,7 @@ pub(crate) struct Estimate {
     lineage: Lineage,
 }
 
-record!(Estimate);
+record!(@volume Estimate);
 
 impl Record for Estimate {
     fn arguments<'py>(of: &Bound<'py, Self>) -> PyResult<Bound<'py, PyDict>> {

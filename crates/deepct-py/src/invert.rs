@@ -95,7 +95,7 @@ pub(crate) struct Reconstruction {
     lineage: Lineage,
 }
 
-record!(Reconstruction);
+record!(@volume Reconstruction);
 
 impl Record for Reconstruction {
     fn arguments<'py>(of: &Bound<'py, Self>) -> PyResult<Bound<'py, PyDict>> {

@@ -20,6 +20,7 @@ mod lineage;
 mod network;
 mod number;
 mod observation;
+mod page;
 mod plot;
 mod record;
 mod render;
@@ -62,6 +63,8 @@ mod _deepct {
     use crate::network::Network;
     #[pymodule_export]
     use crate::observation::{Observation, read_images};
+    #[pymodule_export]
+    use crate::page::{Page, view};
     #[pymodule_export]
     use crate::plot::{Figure, plot};
     #[pymodule_export]

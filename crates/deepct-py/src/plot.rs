@@ -1,18 +1,21 @@
 //! `plot`: figures of volumes and of images.
 
+use crate::carve::Carved;
 use crate::error::raise;
 use crate::exchange::{check_origin, is_dataset};
 use crate::field;
 use crate::grid::Grid;
+use crate::invert::Reconstruction;
 use crate::light::Light;
 use crate::observation::{Given, Observation, observation};
 use crate::record::{Record, record};
-use deepct_core::grid::Volume;
+use deepct_core::grid::{Mask, Volume};
 use deepct_core::io::{Drawing, Field};
 use deepct_core::network::Estimate;
-use deepct_core::plot::{VolumeFields, contact_sheet, volume_figure};
-use deepct_core::{Error, io, scene};
-use pyo3::exceptions::{PyOSError, PyTypeError};
+use deepct_core::plot as figures;
+use deepct_core::plot::{Format, VolumeFields, contact_sheet, volume_figure};
+use deepct_core::{Result, io, scene};
+use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
 use std::path::{Path, PathBuf};
@@ -21,10 +24,18 @@ use std::path::{Path, PathBuf};
 ///
 /// Parameters
 /// ----------
-/// png : bytes
-///     The contents of a PNG file.
+/// png, pdf : bytes
+///     The contents of a PNG file and of a PDF file.
+/// svg : str
+///     The contents of an SVG file.
 #[pyclass(frozen, module = "deepct_py")]
-pub(crate) struct Figure(Vec<u8>);
+pub(crate) struct Figure {
+    png: Vec<u8>,
+    /// The contents of an SVG file.
+    #[pyo3(get)]
+    svg: String,
+    pdf: Vec<u8>,
+}
 
 record!(@picture Figure);
 
@@ -32,29 +43,48 @@ impl Record for Figure {
     fn arguments<'py>(of: &Bound<'py, Self>) -> PyResult<Bound<'py, PyDict>> {
         let arguments = PyDict::new(of.py());
         arguments.set_item("png", of.get().png(of.py()))?;
+        arguments.set_item("svg", &of.get().svg)?;
+        arguments.set_item("pdf", of.get().pdf(of.py()))?;
         Ok(arguments)
+    }
+
+    fn shown<'py>(of: &Bound<'py, Self>) -> PyResult<Bound<'py, PyDict>> {
+        let shown = Self::arguments(of)?;
+        shown.set_item("svg", of.get().svg.as_bytes())?;
+        Ok(shown)
     }
 }
 
 #[pymethods]
 impl Figure {
     #[new]
-    fn new(png: Vec<u8>) -> Self {
-        Self(png)
+    fn new(png: Vec<u8>, svg: String, pdf: Vec<u8>) -> Self {
+        Self { png, svg, pdf }
     }
 
     /// The contents of a PNG file.
     #[getter]
     fn png<'py>(&self, py: Python<'py>) -> Bound<'py, PyBytes> {
-        PyBytes::new(py, &self.0)
+        PyBytes::new(py, &self.png)
     }
 
-    /// Write a PNG file. A file of another format is replaced only with `overwrite`.
+    /// The contents of a PDF file.
+    #[getter]
+    fn pdf<'py>(&self, py: Python<'py>) -> Bound<'py, PyBytes> {
+        PyBytes::new(py, &self.pdf)
+    }
+
+    /// Write a file in the format of its ending: .png, .svg or .pdf. A file of another format is replaced
+    /// only with `overwrite`.
     #[pyo3(signature = (path, *, overwrite = false))]
     fn save(&self, path: PathBuf, overwrite: bool) -> PyResult<()> {
-        check_name(&path)?;
+        let contents = match format(&path)? {
+            Format::Svg => self.svg.as_bytes(),
+            Format::Pdf => &self.pdf,
+            _ => &self.png,
+        };
         check_origin(&path, overwrite)?;
-        deepct_core::files::write(&path, &self.0).map_err(raise)
+        deepct_core::files::write(&path, contents).map_err(raise)
     }
 
     fn _repr_png_<'py>(&self, py: Python<'py>) -> Bound<'py, PyBytes> {
@@ -62,13 +92,20 @@ impl Figure {
     }
 }
 
-/// Draw a volume, alone or with the truth, or a sheet of images: the figure of `deepct plot`. The
+impl Figure {
+    fn of(figure: &figures::Figure) -> Result<Self> {
+        let svg = String::from_utf8_lossy(&figure.encode(Format::Svg)?).into_owned();
+        Ok(Self { png: figure.encode(Format::Png)?, svg, pdf: figure.encode(Format::Pdf)? })
+    }
+}
+
+/// Draw a volume or a mask, alone or with the truth, or a sheet of images: the figure of `deepct plot`. The
 /// uncertainty of an estimate, and the mask in a file, are drawn too.
 ///
 /// Parameters
 /// ----------
-/// what : Cloud, Estimate, Reconstruction, Observation, array, str or path
-///     A volume or images, or a file of either. An array is an extinction (1/km), [z, y, x].
+/// what : Cloud, Estimate, Reconstruction, Carved, Observation, array, str or path
+///     A volume, a mask or images, or a file of one. An array is an extinction (1/km), [z, y, x].
 /// truth : Cloud, array, str or path, optional
 ///     The true cloud, which is drawn beside the volume and in a scatter plot against it. The extinction
 ///     of a cloud that is given by its droplets is the one in the light of the volume, if it is known.
@@ -77,7 +114,7 @@ impl Figure {
 /// title : str, optional
 ///     Title of the figure. Default: the name of the file.
 /// out : str or path, optional
-///     PNG file to write.
+///     File to write: .png, .svg or .pdf.
 /// overwrite : bool
 ///     Replace a file of another format.
 ///
@@ -104,36 +141,18 @@ pub(crate) fn plot(
 ) -> PyResult<Figure> {
     let py = what.py();
     if let Some(out) = &out {
-        check_name(out)?;
+        format(out)?;
         check_origin(out, overwrite)?;
     }
-    let file: Option<PathBuf> = what.extract().ok();
-    let name = file.as_deref().and_then(Path::file_name).unwrap_or_default().to_string_lossy();
-    let title = title.unwrap_or_else(|| name.into_owned());
-    let (content, light) = match &file {
-        Some(path) => {
-            let read = py.detach(|| io::read_drawing(path, &scene::Light::default()));
-            let (content, light) = read.map_err(raise)?;
-            (content, light.unwrap_or_default())
-        }
-        None => content_of(what, grid)?,
-    };
-    let folder = tempfile::tempdir().map_err(|problem| PyOSError::new_err(problem.to_string()))?;
-    let path = folder.path().join("figure.png");
-    match content {
-        Drawing::Images(_) if truth.is_some() => {
-            let problem = "images cannot be compared with a truth: omit it, or give a volume";
-            return Err(PyTypeError::new_err(problem));
-        }
+    let subject = Subject::of(what, grid)?;
+    let title = title.unwrap_or_else(|| subject.name().to_owned());
+    let truth = truth.map(|truth| subject.truth(truth)).transpose()?;
+    let drawn = match &subject.content {
         Drawing::Images(images) => {
             let (geometry, wavelength) = (images.geometry(), images.light.wavelength);
-            py.detach(|| contact_sheet(&path, &images.images, &geometry, wavelength, &[], &title))
-                .map_err(raise)?;
+            py.detach(|| contact_sheet(&images.images, &geometry, wavelength, &[], &title))
         }
         Drawing::Field(field) => {
-            let grid = Some(*field.grid());
-            let truth = truth.map(|truth| extinction(truth, "truth", grid, &light));
-            let truth = truth.transpose()?;
             let estimate = field.estimate.as_ref();
             let fields = VolumeFields {
                 extinction: estimate.map(|estimate| &estimate.extinction),
@@ -141,31 +160,93 @@ pub(crate) fn plot(
                 uncertainty: estimate.and_then(|estimate| estimate.uncertainty.as_ref()),
                 mask: field.mask.as_ref(),
             };
-            py.detach(|| volume_figure(&path, &fields, &title)).map_err(raise)?;
+            py.detach(|| volume_figure(&fields, &title))
         }
-    }
-    let figure = Figure(std::fs::read(&path).map_err(Error::io(&path)).map_err(raise)?);
+    };
+    let figure = drawn.and_then(|drawn| Figure::of(&drawn)).map_err(raise)?;
     out.map_or(Ok(()), |out| figure.save(out, overwrite))?;
     Ok(figure)
 }
 
-/// What an object shows, and its scene illumination.
-fn content_of(what: &Bound<'_, PyAny>, grid: Option<Grid>) -> PyResult<(Drawing, scene::Light)> {
-    let light = Light::of(what)?.map_or_else(scene::Light::default, |light| light.core);
+/// What figures and pages show: an object or the contents of a file.
+pub(crate) struct Subject {
+    pub(crate) content: Drawing,
+    /// The scene illumination, if it is known.
+    pub(crate) light: Option<scene::Light>,
+    file: Option<PathBuf>,
+}
+
+impl Subject {
+    /// `grid` is that of an array.
+    pub(crate) fn of(what: &Bound<'_, PyAny>, grid: Option<Grid>) -> PyResult<Self> {
+        let file: Option<PathBuf> = what.extract().ok();
+        let (content, light) = match &file {
+            Some(path) => {
+                let read = || io::read_drawing(path, &scene::Light::default());
+                what.py().detach(read).map_err(raise)?
+            }
+            None => {
+                let light = Light::of(what)?.map(|light| light.core);
+                (content_of(what, grid, light.clone().unwrap_or_default())?, light)
+            }
+        };
+        Ok(Self { content, light, file })
+    }
+
+    /// The name of the file; empty for an object.
+    pub(crate) fn name(&self) -> &str {
+        let name = self.file.as_deref().and_then(Path::file_name).unwrap_or_default();
+        name.to_str().unwrap_or_default()
+    }
+
+    /// The true extinction, in the light and on the grid of the subject.
+    ///
+    /// # Errors
+    /// Images as the subject; a truth on another grid.
+    pub(crate) fn truth(&self, truth: &Bound<'_, PyAny>) -> PyResult<Volume> {
+        let Drawing::Field(field) = &self.content else {
+            let problem = "images cannot be compared with a truth: omit it, or give a volume";
+            return Err(PyTypeError::new_err(problem));
+        };
+        let light = self.light.clone().unwrap_or_default();
+        extinction(truth, "truth", Some(*field.grid()), &light)
+    }
+}
+
+/// What an object shows.
+fn content_of(
+    what: &Bound<'_, PyAny>,
+    grid: Option<Grid>,
+    light: scene::Light,
+) -> PyResult<Drawing> {
+    let is_dataset = is_dataset(what)?;
     let is_images =
-        what.cast::<Observation>().is_ok() || (is_dataset(what)? && what.contains("radiance")?);
+        what.cast::<Observation>().is_ok() || (is_dataset && what.contains("radiance")?);
     if is_images {
         let given = Given { views: None, light: None, standard_error: None, saturated: None };
         let images = observation(what, given, |_| Ok(Light::from(scene::Light::default())))?;
-        return Ok((Drawing::Images(Box::new(images)), light));
+        return Ok(Drawing::Images(Box::new(images)));
     }
-    let volume = extinction(what, "extinction", grid.map(|Grid(grid)| grid), &light)?;
-    let uncertainty = what.getattr("uncertainty").ok().filter(|values| !values.is_none());
-    let uncertainty = uncertainty
-        .map(|values| extinction(&values, "uncertainty", Some(volume.grid), &light))
-        .transpose()?;
-    let field = Field::from(Estimate { extinction: volume, uncertainty });
-    Ok((Drawing::Field(Box::new(field)), light))
+    let is_mask = what.cast::<Carved>().is_ok();
+    let has_mask = is_mask
+        || what.cast::<Reconstruction>().is_ok()
+        || (is_dataset && what.contains("mask")?);
+    let has_extinction = !is_mask && (!has_mask || !is_dataset || what.contains("extinction")?);
+    let grid = grid.map(|Grid(grid)| grid);
+    let mask = has_mask.then(|| {
+        let placed = field::mask(what, "mask")?;
+        Mask::new(placed.grid(grid)?, placed.values).map_err(raise)
+    });
+    let estimate = has_extinction.then(|| {
+        let extinction = self::extinction(what, "extinction", grid, &light)?;
+        let uncertainty = what.getattr("uncertainty").ok().filter(|values| !values.is_none());
+        let on_grid =
+            |values| self::extinction(&values, "uncertainty", Some(extinction.grid), &light);
+        let uncertainty = uncertainty.map(on_grid).transpose()?;
+        Ok::<_, PyErr>(Estimate { extinction, uncertainty })
+    });
+    let (estimate, mask) = (estimate.transpose()?, mask.transpose()?);
+    Ok(Drawing::Field(Box::new(Field { estimate, mask, has_droplets: false })))
 }
 
 /// The extinction of an argument on a grid.
@@ -179,11 +260,7 @@ fn extinction(
     Volume::new(values.grid(grid)?, values.values).map_err(raise)
 }
 
-/// Returns an error unless the path is the name of a PNG file.
-fn check_name(path: &Path) -> PyResult<()> {
-    if path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png")) {
-        return Ok(());
-    }
-    let range = "the name of a PNG file, ending in .png";
-    Err(raise(Error::out_of_range("out", path.display(), range)))
+/// The format of the ending of a path.
+fn format(path: &Path) -> PyResult<Format> {
+    Format::of(path, "out").map_err(raise)
 }

@@ -53,7 +53,7 @@ fn without_origin(arguments: Bound<'_, PyDict>) -> PyResult<Bound<'_, PyDict>> {
 }
 
 /// Gives the class of a [`Record`] the methods of Python that all classes have; with `@picture`, all but
-/// the table that notebooks show.
+/// the table that notebooks show; with `@volume`, also the page of a field in 3D below the table.
 macro_rules! record {
     ($class:ty) => {
         $crate::record::record!(@picture $class);
@@ -62,6 +62,16 @@ macro_rules! record {
         impl $class {
             fn _repr_html_(slf: &Bound<'_, Self>) -> PyResult<String> {
                 $crate::record::html(slf)
+            }
+        }
+    };
+    (@volume $class:ty) => {
+        $crate::record::record!(@picture $class);
+
+        #[pymethods]
+        impl $class {
+            fn _repr_html_(slf: &Bound<'_, Self>) -> PyResult<String> {
+                Ok($crate::page::with_page(slf, $crate::record::html(slf)?))
             }
         }
     };

@@ -3,11 +3,13 @@
     python browser.py PAGE.html
 
 prints how many frames a second the 3D view of a page draws while it turns, without a graphics
-processor. Chromium is needed.
+processor, and the processor time of a frame, which tells on a busy machine how many there could be
+(Linux only). Chromium is needed.
 """
 
 import http.server
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -23,12 +25,22 @@ OPTIONS = (
     "--disable-sync", "--window-size=1280,1150",
 )
 
-# Errors of the page are kept in `problems`; `answer` sends a result and ends the run.
+# Errors of the page are kept in `problems` and the texts of its canvases in `texts`; `answer` sends a result and ends the run.
 HEAD = """<script>
 window.problems = [];
+window.texts = [];
+const { fillText } = CanvasRenderingContext2D.prototype;
+CanvasRenderingContext2D.prototype.fillText = function (text, ...place) {
+  texts.push(text);
+  fillText.call(this, text, ...place);
+};
 window.onerror = message => { problems.push(String(message)); };
 console.error = (...words) => { problems.push(words.join(' ')); };
 const frame = () => new Promise(requestAnimationFrame);
+// The volumes of a page are decompressed before they are shown.
+const ready = async () => {
+  while (document.getElementById('stage') && !document.querySelector('canvas.slice')) await frame();
+};
 const answer = found => fetch('/answer', { method: 'POST', body: JSON.stringify(found) });
 </script>"""
 
@@ -36,11 +48,25 @@ FRAMES = """
 const view = document.querySelector('canvas.view');
 const turn = () => view.dispatchEvent(
   new PointerEvent('pointermove', { buttons: 1, movementX: 6, movementY: 0 }));
+const cpu = async () => Number(await (await fetch('/cpu')).text());
 for (let count = 0; count < 40; count++) { turn(); await frame(); }
-const began = performance.now();
+const used = await cpu(), began = performance.now();
 for (let count = 0; count < 120; count++) { turn(); await frame(); }
-return 120000 / (performance.now() - began);
+return { rate: 120000 / (performance.now() - began), cpu: (await cpu() - used) / 120 };
 """
+
+
+def processor_time(session):
+    """The processor time (s) of the processes of a session."""
+    ticks = 0
+    for path in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            fields = path.read_text().rpartition(")")[2].split()
+        except OSError:
+            continue
+        if int(fields[3]) == session:
+            ticks += int(fields[11]) + int(fields[12])
+    return ticks / os.sysconf("SC_CLK_TCK")
 
 
 def examine(page, script, limit_s=120):
@@ -48,7 +74,7 @@ def examine(page, script, limit_s=120):
     text = Path(page).read_text(encoding="utf-8")
     script = (
         "<script>window.addEventListener('load', async () => {"
-        f"try {{ answer(await (async () => {{ {script} }})()); }}"
+        f"try {{ await ready(); answer(await (async () => {{ {script} }})()); }}"
         "catch (error) { answer({ error: String(error.stack) }); } });</script>"
     )
     text = text.replace("<head>", "<head>" + HEAD, 1).replace("</body>", script + "</body>")
@@ -62,7 +88,8 @@ def examine(page, script, limit_s=120):
             self.wfile.write(body)
 
         def do_GET(self):
-            self.respond(text.encode() if self.path == "/" else b"")
+            pages = {"/": lambda: text, "/cpu": lambda: str(processor_time(browser.pid))}
+            self.respond(pages.get(self.path, str)().encode())
 
         def do_POST(self):
             found.append(json.loads(self.rfile.read(int(self.headers["Content-Length"]))))
@@ -78,7 +105,7 @@ def examine(page, script, limit_s=120):
         browser = subprocess.Popen(
             [CHROMIUM, *OPTIONS, f"--user-data-dir={profile}",
              f"http://127.0.0.1:{server.server_port}/"],
-            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True)
         try:
             answered = done.wait(limit_s)
         finally:
@@ -96,4 +123,5 @@ def examine(page, script, limit_s=120):
 if __name__ == "__main__":
     if CHROMIUM is None:
         sys.exit("browser.py: there is no chromium on the PATH: install it")
-    print(f"{examine(sys.argv[1], FRAMES):.1f} frames a second")
+    found = examine(sys.argv[1], FRAMES)
+    print(f"{found['rate']:.1f} frames a second, {1000 * found['cpu']:.0f} ms of processors for each")

@@ -2,6 +2,7 @@
 
 import os
 import signal
+import time
 
 import numpy as np
 import pytest
@@ -71,7 +72,7 @@ def test_images_in_memory_have_the_estimate_of_the_network(file, whole, observat
     assert deepct_py.infer(observation, network, carve=True) == expected
     assert deepct_py.infer(observation, grid=whole, carve=True) == expected
     for wrong in (file, observation.radiance):
-        with pytest.raises(TypeError, match=r"xarray.open_dataset.*deepct_py.read_images\(path\)"):
+        with pytest.raises(TypeError, match=r"xarray.open_dataset\(path\).*deepct_py.read_images\(path\)"):
             deepct_py.infer(wrong)
 
 
@@ -90,11 +91,44 @@ def test_the_mask_is_carved_tile_by_tile(file, whole, observation):
     assert not field.values[~mask].any()
 
 
-def test_a_cluster_gives_the_same_also_if_a_worker_is_killed(file, whole):
+@pytest.fixture(scope="module")
+def client():
+    """A cluster of two workers, which replaces those that are killed."""
     distributed = pytest.importorskip("distributed")
     cluster = distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None)
-    with cluster, distributed.Client(cluster) as client, xarray.open_dataset(file, chunks={}) as images:
+    with cluster, distributed.Client(cluster) as client:
+        yield client
+
+
+def test_a_cluster_gives_the_same_also_if_a_worker_is_killed(file, whole, client):
+    with xarray.open_dataset(file, chunks={}) as images:
         field = client.persist(deepct_py.infer(images, side=20))
         killed = next(iter(client.run(os.getpid).values()))
         os.kill(killed, signal.SIGKILL)
         check(field.compute(), whole)
+
+
+def test_a_cluster_reads_and_writes_zarr_also_if_a_worker_is_killed(file, whole, client, tmp_path):
+    """Each worker reads its own parts of the images and writes its own parts of the field."""
+    pytest.importorskip("zarr")
+    with xarray.open_dataset(file) as images:
+        images.to_zarr(tmp_path / "images.zarr")
+        alone = deepct_py.infer(images, side=20).compute(scheduler="synchronous")
+    with xarray.open_dataset(tmp_path / "images.zarr", engine="zarr") as images:
+        field = deepct_py.infer(images, side=20)
+        # One task for each tile, besides those of its two variables and of the weights.
+        tiles = [key for key in field.__dask_graph__() if "_estimate" in str(key)]
+        assert len(tiles) == 2 * 8
+        written = client.compute(field.to_zarr(tmp_path / "field.zarr", compute=False))
+        chunks = tmp_path / "field.zarr" / "extinction"
+        deadline = time.monotonic() + 120
+        while sum(path.is_file() for path in chunks.rglob("*")) < 4:
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+        assert not written.done()
+        os.kill(next(iter(client.run(os.getpid).values())), signal.SIGKILL)
+        written.result()
+    with xarray.open_dataset(tmp_path / "field.zarr", engine="zarr") as found:
+        check(found, whole)
+        for name in ("extinction", "uncertainty"):
+            np.testing.assert_array_equal(found[name], alone[name])

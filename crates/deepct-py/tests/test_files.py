@@ -248,8 +248,8 @@ def test_a_figure_is_that_of_the_command_line(results, tmp_path, command_line):
     assert (tmp_path / "own.png").read_bytes() == (tmp_path / "images.png").read_bytes()
     figure.save(tmp_path / "again.png")
     assert (tmp_path / "again.png").read_bytes() == figure.png
-    with pytest.raises(ValueError, match="ending in .png"):
-        figure.save(tmp_path / "figure.pdf")
+    with pytest.raises(ValueError, match="ending in .png, .svg or .pdf"):
+        figure.save(tmp_path / "figure.eps")
     with pytest.raises(TypeError, match="cannot be compared"):
         deepct_py.plot(results["images"], results["cloud"])
 

@@ -57,6 +57,7 @@ def objects():
         (deepct_py.Renderer(grid, views, light, accuracy=0.05),
          deepct_py.Renderer(grid, views, light, accuracy=0.05, tolerance=1e-4)),
         (deepct_py.plot(cloud), deepct_py.plot(cloud, title="another")),
+        (deepct_py.view(cloud), deepct_py.view(cloud, title="another")),
     ]
     classes = {type(one) for one, _ in pairs}
     public = {getattr(deepct_py, name) for name in deepct_py.__all__}
@@ -102,7 +103,7 @@ def test_objects_are_shown(objects):
         name = type(one).__name__
         assert repr(one).startswith(f"{name}(")
         assert len(repr(one)) < 6000
-        if name != "Figure":
+        if name not in ("Figure", "Page"):
             html = one._repr_html_()
             assert f"deepct_py.{name}" in html and html.count("<tr>") == html.count("</tr>") > 0
             assert "<float32" not in html

@@ -1,5 +1,9 @@
 """The pages of `deepct view` and `deepct report` in a browser."""
 
+import html
+import re
+import webbrowser
+
 import numpy as np
 import pytest
 from browser import CHROMIUM, examine
@@ -161,3 +165,87 @@ def test_the_page_of_a_folder_has_no_errors(volumes, command_line):
     assert len(found["views"]) == 2 and min(found["views"]) > 20
     # The sum of |estimate - truth| and that of truth - estimate are both a fifth of the truth.
     assert "estimate.nc\t0.2000\t0.2000" in found["text"]
+
+
+def test_a_bright_voxel_does_not_darken_the_others(tmp_path):
+    grid = deepct_py.Grid(shape=(8, 12, 12), spacing=(0.05, 0.05, 0.05))
+    values = np.random.default_rng(1).uniform(10.0, 20.0, grid.shape).astype(np.float32)
+    values[3, 4, 5] = 1000.0
+    end = np.percentile(values, 99.8, method="higher")
+    deepct_py.view(values, grid=grid, out=tmp_path / "page.html")
+    found = examine(tmp_path / "page.html", LOOK + """
+      set('field', 1);
+      await still();
+      return texts;
+    """)
+    assert 19.9 < end < 20.0
+    assert "km\u207b\u00b9, largest 1000" in found and "15" in found and "20" not in found
+
+
+def test_the_page_is_that_of_the_command_line(page, volumes, tmp_path, monkeypatch):
+    folder, grid, truth = volumes
+    expected = page.read_text(encoding="utf-8")
+    estimate = deepct_py.read_volume(folder / "estimate.nc")
+    made = deepct_py.view(folder / "estimate.nc", folder / "truth.nc", out=tmp_path / "page.html")
+    assert made.html == expected == (tmp_path / "page.html").read_text(encoding="utf-8")
+    assert deepct_py.view(estimate, truth, title="estimate.nc").html == expected
+    opened = []
+    monkeypatch.setattr(webbrowser, "open", opened.append)
+    path = made.open()
+    assert opened == [path.as_uri()] and path.read_text(encoding="utf-8") == expected
+    path.unlink()
+    (tmp_path / "letter.html").write_text("Dear colleague,")
+    with pytest.raises(FileExistsError):
+        made.save(tmp_path / "letter.html")
+    with pytest.raises(ValueError, match="ending in .html"):
+        made.save(tmp_path / "page.htm")
+    with pytest.raises(ValueError, match="grid"):
+        deepct_py.view(estimate, truth[1:])
+
+
+def test_notebooks_show_the_view(tmp_path):
+    """Below the table is the page in a frame, which is small, with averages of large fields."""
+    cloud = deepct_py.generate_cloud(seed=3, shape=(32, 64, 64))
+    estimate = deepct_py.Estimate(cloud.grid, cloud.extinction, 0.1 * cloud.extinction)
+    carved = deepct_py.Carved(cloud.grid, cloud.extinction > 0)
+    large = deepct_py.Estimate(
+        deepct_py.Grid((64, 128, 128), (0.025, 0.025, 0.02)),
+        np.repeat(np.repeat(np.repeat(cloud.extinction, 2, 0), 2, 1), 2, 2))
+    for number, shown in enumerate((cloud, estimate, carved, large)):
+        text = shown._repr_html_()
+        table, [source] = text.split("<iframe")[0], re.findall(r'srcdoc="([^"]*)"', text)
+        assert f"<caption>deepct_py.{type(shown).__name__}</caption>" in table
+        assert 'sandbox="allow-scripts"' in text and len(text) < 400_000
+        page = tmp_path / f"{number}.html"
+        page.write_text(html.unescape(source), encoding="utf-8")
+        found = examine(page, LOOK + """
+          await still();
+          return { problems, views: colours('view'), text: document.body.innerText };
+        """)
+        assert found["problems"] == [] and min(found["views"]) > 20
+        assert ("means over blocks of 2 x 2 x 2" in found["text"]) == (shown is large)
+    assert deepct_py.view(large)._repr_html_().count("<iframe") == 1
+    # What has no volume is a table alone.
+    assert "<iframe" not in cloud.grid._repr_html_()
+
+
+def test_the_frame_in_a_notebook_draws(tmp_path):
+    """The frame may run scripts only, and tells the page around it what it has drawn."""
+    cloud = deepct_py.generate_cloud(seed=3, shape=(16, 32, 32))
+    tell = html.escape("""<script>
+      const look = () => {
+        const canvas = document.querySelector('canvas.view');
+        if (!canvas) return setTimeout(look, 50);
+        const pixels = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height).data;
+        parent.postMessage(new Set(new Uint32Array(pixels.buffer)).size, '*');
+      };
+      setTimeout(look, 500);
+    </script>""")
+    frame = re.search("<iframe.*?srcdoc=", cloud._repr_html_(), re.S).group()
+    page = html.escape(deepct_py.view(cloud).html)
+    (tmp_path / "notebook.html").write_text(
+        f'<html><head></head><body>{frame}"{page}{tell}"></iframe></body></html>', encoding="utf-8")
+    found = examine(tmp_path / "notebook.html", """
+      return new Promise(done => { window.onmessage = event => done(event.data); });
+    """)
+    assert found > 20

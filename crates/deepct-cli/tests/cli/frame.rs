@@ -71,6 +71,8 @@ fn files_of_other_programs_are_not_replaced() {
     for (name, command) in [
         ("letter.nc", "cloud generate --out letter.nc"),
         ("letter.png", "plot C.nc --out letter.png"),
+        ("letter.svg", "plot C.nc --out letter.svg"),
+        ("letter.pdf", "plot C.nc --out letter.pdf"),
         ("letter.vti", "convert C.nc letter.vti"),
     ] {
         std::fs::write(program.path(name), "Dear colleague,").unwrap();

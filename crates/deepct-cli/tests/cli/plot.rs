@@ -47,6 +47,11 @@ fn volumes_and_images_become_pictures() {
     assert!(carved > mask + 300, "{mask} {carved}");
     let [wide, high] = size(&program, "sheet.png");
     assert!(wide > 5 * 176 && high > 2 * 150 && wide > high);
+    for (name, start) in [("sheet.svg", "<!-- deepct -->\n<svg"), ("sheet.PDF", "%PDF-1.7")] {
+        program.succeed(&format!("plot I.nc --out {name}"));
+        let bytes = std::fs::read(program.path(name)).unwrap();
+        assert!(bytes.starts_with(start.as_bytes()), "{name}");
+    }
 }
 
 #[test]
@@ -56,7 +61,8 @@ fn wrong_input_is_refused() {
     std::fs::write(program.path("text.nc"), "not an HDF5 file").unwrap();
     program.refuse("plot none.nc --out a.png", &["none.nc"]);
     program.refuse("plot text.nc --out a.png", &["text.nc", "HDF5"]);
-    program.refuse("plot V.nc --out a.jpg", &["--out", "a.jpg", ".png"]);
+    program.refuse("plot V.nc --out a.jpg", &["--out", "a.jpg", ".png, .svg or .pdf"]);
+    program.refuse("images check I.nc --png a.jpg", &["--png", "a.jpg", ".png, .svg or .pdf"]);
     program.refuse("plot V.nc --truth flat.nc --out a.png", &["V.nc", "same grid"]);
     program.refuse("plot I.nc --truth V.nc --out a.png", &["I.nc", "--truth"]);
     program.refuse("plot V.nc --out nowhere/a.png", &["nowhere"]);

@@ -247,7 +247,7 @@ const WRONG: &[(&str, &str)] = &[
     ("score n.nc --truth cloud.nc", "n.nc: extinction, lwc: both are missing;"),
     ("score nothing.nc --truth cloud.nc", "nothing.nc: file: does not exist; check the path"),
     ("score cloud.nc --truth cloud.nc --set a=1", "key of the light is a, but must be a key of `deepct config"),
-    ("plot cloud.nc --out o.gif", "--out is o.gif, but must be the name of a PNG file, ending in"),
+    ("plot cloud.nc --out o.gif", "--out is o.gif, but must be the name of a figure, ending in"),
     ("plot nothing.nc --out o.png", "nothing.nc: file: does not exist; check the path"),
     ("plot text.nc --out o.png", "text.nc: file: is not an HDF5 or netCDF file; give a file of"),
     ("plot cloud.nc --truth n.nc --out o.png", "n.nc: extinction, lwc: both are missing;"),

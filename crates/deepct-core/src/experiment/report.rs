@@ -41,7 +41,7 @@ pub(super) fn write(
         1 => "Errors by method, 1 cloud".to_owned(),
         count => format!("Errors by method, {count} clouds"),
     };
-    box_figure(folder.join("figures/errors.png"), &panels, &title)?;
+    box_figure(&panels, &title)?.write(folder.join("figures/errors.png"))?;
     files::write(&folder.join("report.md"), text(settings, outcomes))
 }
 

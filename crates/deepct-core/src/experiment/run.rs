@@ -198,7 +198,7 @@ impl MethodRunner<'_> {
             mask: Some(&work.mask),
             ..Default::default()
         };
-        volume_figure(&figure, &fields, &title)?;
+        volume_figure(&fields, &title)?.write(&figure)?;
         let text = serde_json::to_string_pretty(&outcome).expect("plain numbers and text");
         files::write(&self.file("results", case, method, "json"), &text)?;
         Ok(Some(outcome))

@@ -6,9 +6,12 @@ use std::io::Read;
 use std::path::Path;
 
 /// The first bytes of formats in which files do not state their origin.
-const SIGNATURES: [(&str, &[u8]); 8] = [
+const SIGNATURES: [(&str, &[u8]); 10] = [
     ("html", b"<!DOCTYPE html>\n<!-- deepct -->"),
     ("png", b"\x89PNG"),
+    ("svg", b"<!-- deepct -->"),
+    // `deep` with the bits that mark a file as binary.
+    ("pdf", b"%PDF-1.7\n%\xe4\xe5\xe5\xf0"),
     ("exr", b"\x76\x2f\x31\x01"),
     ("tif", b"II"),
     ("npz", b"PK"),

@@ -1,14 +1,13 @@
 //! Box plots of the distribution of values in groups.
 
-use super::page::{Anchor, BLACK, Colour, Frame, LABEL, Page, TICK, TITLE};
+use super::figure::{Anchor, BLACK, Colour, Figure, Frame, LABEL, TICK, TITLE};
 use super::panel::ticks;
 use crate::error::{Error, Result};
 use glam::DVec2;
-use std::path::Path;
 
 const FILL: Colour = [120, 160, 210];
 const MEDIAN: Colour = [200, 40, 30];
-/// Width of a group on the page (pixels).
+/// Width of a group (pixels).
 const STEP: i32 = 130;
 
 /// A named group of values.
@@ -44,18 +43,13 @@ impl Quartiles {
     }
 }
 
-/// Draw box plots as a PNG file, with one panel for each label and its groups. A box extends from
+/// Draw box plots, with one panel for each label and its groups. A box extends from
 /// the first to the third quartile and shows the median, whiskers extend to the extremes, and
 /// each value is shown as a point.
 ///
 /// # Errors
-/// Returns an error if a group has no values, if a value is not finite, or if the file cannot be
-/// written.
-pub fn box_figure(
-    path: impl AsRef<Path>,
-    panels: &[(&str, Vec<BoxGroup>)],
-    title: &str,
-) -> Result<()> {
+/// Returns an error if a group has no values or if a value is not finite.
+pub fn box_figure(panels: &[(&str, Vec<BoxGroup>)], title: &str) -> Result<Figure> {
     let groups = || panels.iter().flat_map(|(_, groups)| groups);
     if let Some(group) = groups().find(|group| group.values.is_empty()) {
         return Err(Error::out_of_range("numbers of a box", group.name, "at least one"));
@@ -65,17 +59,17 @@ pub fn box_figure(
     }
     let widths = panels.iter().map(|(_, groups)| groups.len() as i32 * STEP);
     let total = widths.clone().map(|width| width + 120).sum::<i32>().max(400);
-    let mut page = Page::new([total, 560])?;
-    page.text(title, TITLE, Anchor::On, total / 2, 36);
+    let mut figure = Figure::new(title, [total, 560])?;
+    figure.text(title, TITLE, Anchor::On, total / 2, 36);
     let mut left = 90;
     for ((label, groups), width) in panels.iter().zip(widths) {
-        draw_panel(&mut page, Frame { left, top: 80, width, height: 400 }, label, groups);
+        draw_panel(&mut figure, Frame { left, top: 80, width, height: 400 }, label, groups);
         left += width + 120;
     }
-    page.write(path.as_ref())
+    Ok(figure)
 }
 
-fn draw_panel(page: &mut Page, frame: Frame, label: &str, groups: &[BoxGroup]) {
+fn draw_panel(figure: &mut Figure, frame: Frame, label: &str, groups: &[BoxGroup]) {
     let values = || groups.iter().flat_map(|group| &group.values).copied();
     let (low, high) = (values().fold(0.0, f64::min), values().fold(0.0, f64::max));
     let margin = 0.05 * (high - low).max(1e-9);
@@ -85,31 +79,31 @@ fn draw_panel(page: &mut Page, frame: Frame, label: &str, groups: &[BoxGroup]) {
         let share = (value - range.start) / (range.end - range.start);
         f64::from(frame.bottom()) - share * f64::from(frame.height)
     };
-    page.border(frame);
+    figure.border(frame);
     let right = f64::from(frame.right());
     let left = f64::from(frame.left);
     for (value, text) in ticks(&range, frame.height / 50) {
         let y = height(value);
-        page.line(DVec2::new(left - 6.0, y), DVec2::new(left, y), 1.0, BLACK);
-        page.text(&text, TICK, Anchor::LeftOf, frame.left - 9, y as i32);
+        figure.line(DVec2::new(left - 6.0, y), DVec2::new(left, y), 1.0, BLACK);
+        figure.text(&text, TICK, Anchor::LeftOf, frame.left - 9, y as i32);
     }
-    page.line(DVec2::new(left, height(0.0)), DVec2::new(right, height(0.0)), 1.0, [170; 3]);
-    page.text(label, LABEL, Anchor::UpwardsLeftOf, frame.left - 52, frame.half_way());
+    figure.line(DVec2::new(left, height(0.0)), DVec2::new(right, height(0.0)), 1.0, [170; 3]);
+    figure.text(label, LABEL, Anchor::UpwardsLeftOf, frame.left - 52, frame.half_way());
     for (number, group) in groups.iter().enumerate() {
         let middle = frame.left + STEP / 2 + number as i32 * STEP;
-        draw_box(page, f64::from(middle), &Quartiles::of(&group.values), &height);
+        draw_box(figure, f64::from(middle), &Quartiles::of(&group.values), &height);
         for value in &group.values {
             let point = DVec2::new(f64::from(middle) + 0.32 * f64::from(STEP), height(*value));
-            page.line(point - DVec2::X * 2.0, point + DVec2::X * 2.0, 4.0, [90; 3]);
+            figure.line(point - DVec2::X * 2.0, point + DVec2::X * 2.0, 4.0, [90; 3]);
         }
-        page.text(group.name, LABEL, Anchor::Below, middle, frame.bottom() + 12);
+        figure.text(group.name, LABEL, Anchor::Below, middle, frame.bottom() + 12);
     }
 }
 
-fn draw_box(page: &mut Page, middle: f64, of: &Quartiles, height: &dyn Fn(f64) -> f64) {
+fn draw_box(figure: &mut Figure, middle: f64, of: &Quartiles, height: &dyn Fn(f64) -> f64) {
     let half = 0.2 * f64::from(STEP);
     let at = |x: f64, value: f64| DVec2::new(middle + x * half, height(value));
-    page.line(at(0.0, of.low), at(0.0, of.high), 1.5, BLACK);
+    figure.line(at(0.0, of.low), at(0.0, of.high), 1.5, BLACK);
     let (top, bottom) = (height(of.third), height(of.first));
     let frame = Frame {
         left: (middle - half) as i32,
@@ -117,16 +111,17 @@ fn draw_box(page: &mut Page, middle: f64, of: &Quartiles, height: &dyn Fn(f64) -
         width: (2.0 * half) as i32,
         height: ((bottom - top) as i32).max(1),
     };
-    page.fill(frame, |_, _| FILL);
-    page.border(frame);
-    page.line(at(-1.0, of.median), at(1.0, of.median), 3.0, MEDIAN);
+    figure.fill(frame, (1, 1), |_, _| FILL);
+    figure.border(frame);
+    figure.line(at(-1.0, of.median), at(1.0, of.median), 3.0, MEDIAN);
     for value in [of.low, of.high] {
-        page.line(at(-0.5, value), at(0.5, value), 1.5, BLACK);
+        figure.line(at(-0.5, value), at(0.5, value), 1.5, BLACK);
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::Format;
     use super::*;
 
     /// numpy.percentile([1, 2, 4, 8, 16, 32], [0, 25, 50, 75, 100]).
@@ -140,15 +135,14 @@ mod tests {
     }
 
     #[test]
-    fn a_figure_is_written_and_nothing_is_refused() {
-        let folder = tempfile::tempdir().unwrap();
+    fn a_figure_is_drawn_and_nothing_is_refused() {
         let group = |values: &[f64]| BoxGroup { name: "network", values: values.into() };
         let panels = [("error (%)", vec![group(&[1.0, 2.0, 7.0]), group(&[-3.0])])];
-        let path = folder.path().join("boxes.png");
-        box_figure(&path, &panels, "Errors").unwrap();
-        let picture = image::ImageReader::open(&path).unwrap().decode().unwrap().to_rgb8();
+        let figure = box_figure(&panels, "Errors").unwrap();
+        let png = figure.encode(Format::Png).unwrap();
+        let picture = image::load_from_memory(&png).unwrap().to_rgb8();
         assert!(picture.pixels().any(|pixel| pixel.0 == FILL));
-        assert!(box_figure(&path, &[("", vec![group(&[])])], "").is_err());
-        assert!(box_figure(&path, &[("", vec![group(&[f64::NAN])])], "").is_err());
+        assert!(box_figure(&[("", vec![group(&[])])], "").is_err());
+        assert!(box_figure(&[("", vec![group(&[f64::NAN])])], "").is_err());
     }
 }

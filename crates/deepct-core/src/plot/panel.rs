@@ -1,6 +1,6 @@
 //! A panel: a colour map of values with axes, and its colour bar.
 
-use super::page::{Anchor, BLACK, Colour, Frame, LABEL, Page, TICK};
+use super::figure::{Anchor, BLACK, Colour, Figure, Frame, LABEL, TICK};
 use colorous::Gradient;
 use glam::DVec2;
 use ndarray::ArrayView2;
@@ -80,51 +80,48 @@ pub(super) struct Panel<'a> {
 
 impl Panel<'_> {
     /// Draw the map into `frame` and the labels outside it.
-    pub(super) fn draw(&self, page: &mut Page, frame: Frame) {
-        draw_map(page, frame, self.values.dim(), |at| self.scale.colour(self.values[at]));
-        draw_axes(page, frame, &self.title, &self.right, &self.up);
+    pub(super) fn draw(&self, figure: &mut Figure, frame: Frame) {
+        draw_map(figure, frame, self.values.dim(), |at| self.scale.colour(self.values[at]));
+        draw_axes(figure, frame, &self.title, &self.right, &self.up);
     }
 }
 
 /// Fill `frame` with `rows` x `cols` cells, the first row at the bottom.
 pub(super) fn draw_map(
-    page: &mut Page,
+    figure: &mut Figure,
     frame: Frame,
     (rows, cols): (usize, usize),
     colour: impl Fn([usize; 2]) -> Colour,
 ) {
-    page.fill(frame, |x, y| {
-        let row = (frame.height - 1 - y) as usize * rows / frame.height as usize;
-        colour([row, x as usize * cols / frame.width as usize])
-    });
-    page.border(frame);
+    figure.fill(frame, (rows, cols), |row, col| colour([rows - 1 - row, col]));
+    figure.border(frame);
 }
 
 /// Draw the frame, ticks, tick labels, axis labels and title of a panel.
 pub(super) fn draw_axes(
-    page: &mut Page,
+    figure: &mut Figure,
     frame: Frame,
     title: &str,
     right: &PanelAxis,
     up: &PanelAxis,
 ) {
-    page.border(frame);
+    figure.border(frame);
     let at = |value: f64, range: &Range<f64>, pixels: i32| {
         ((value - range.start) / (range.end - range.start) * f64::from(pixels - 1)).round() as i32
     };
     for (value, text) in ticks(&right.range, frame.width / 60) {
         let x = frame.left + at(value, &right.range, frame.width);
-        tick(page, (x, frame.bottom()), (0, 5));
-        page.text(&text, TICK, Anchor::Below, x, frame.bottom() + 7);
+        tick(figure, (x, frame.bottom()), (0, 5));
+        figure.text(&text, TICK, Anchor::Below, x, frame.bottom() + 7);
     }
     for (value, text) in ticks(&up.range, frame.height / 32) {
         let y = frame.bottom() - 1 - at(value, &up.range, frame.height);
-        tick(page, (frame.left - 1, y), (-5, 0));
-        page.text(&text, TICK, Anchor::LeftOf, frame.left - 9, y);
+        tick(figure, (frame.left - 1, y), (-5, 0));
+        figure.text(&text, TICK, Anchor::LeftOf, frame.left - 9, y);
     }
-    page.text(right.label, LABEL, Anchor::Below, frame.middle(), frame.bottom() + 28);
-    page.text(up.label, LABEL, Anchor::UpwardsLeftOf, frame.left - 46, frame.half_way());
-    page.text(title, LABEL, Anchor::Above, frame.middle(), frame.top - 6);
+    figure.text(right.label, LABEL, Anchor::Below, frame.middle(), frame.bottom() + 28);
+    figure.text(up.label, LABEL, Anchor::UpwardsLeftOf, frame.left - 46, frame.half_way());
+    figure.text(title, LABEL, Anchor::Above, frame.middle(), frame.top - 6);
 }
 
 /// The colour bar of a scale.
@@ -142,27 +139,28 @@ impl<'a> ColourBar<'a> {
     }
 
     /// Draw the bar into `frame`, with tick labels and label to its right.
-    pub(super) fn draw(&self, page: &mut Page, frame: Frame) {
-        page.fill(frame, |_, y| {
-            let share = (f64::from(frame.height - y) - 0.5) / f64::from(frame.height);
+    pub(super) fn draw(&self, figure: &mut Figure, frame: Frame) {
+        let steps = frame.height as usize;
+        figure.fill(frame, (steps, 1), |row, _| {
+            let share = ((steps - row) as f64 - 0.5) / steps as f64;
             self.scale.colour(self.scale.low + share * (self.scale.high - self.scale.low))
         });
-        page.border(frame);
+        figure.border(frame);
         for (value, text) in &self.numbers {
             let up = (self.scale.share(*value) * f64::from(frame.height - 1)).round() as i32;
             let y = frame.bottom() - 1 - up;
-            tick(page, (frame.right(), y), (5, 0));
-            page.text(text, TICK, Anchor::RightOf, frame.right() + 9, y);
+            tick(figure, (frame.right(), y), (5, 0));
+            figure.text(text, TICK, Anchor::RightOf, frame.right() + 9, y);
         }
-        let widths = self.numbers.iter().map(|(_, text)| page.text_width(text, TICK));
+        let widths = self.numbers.iter().map(|(_, text)| figure.text_width(text, TICK));
         let x = frame.right() + 15 + widths.max().unwrap_or(0);
-        page.text(self.label, LABEL, Anchor::UpwardsRightOf, x, frame.half_way());
+        figure.text(self.label, LABEL, Anchor::UpwardsRightOf, x, frame.half_way());
     }
 }
 
-fn tick(page: &mut Page, (x, y): (i32, i32), (dx, dy): (i32, i32)) {
+fn tick(figure: &mut Figure, (x, y): (i32, i32), (dx, dy): (i32, i32)) {
     let from = DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
-    page.line(from, from + DVec2::new(f64::from(dx), f64::from(dy)), 1.0, BLACK);
+    figure.line(from, from + DVec2::new(f64::from(dx), f64::from(dy)), 1.0, BLACK);
 }
 
 /// Round numbers in a range for ticks, as values and as text with the required number of decimals.

@@ -1,12 +1,11 @@
 //! Pictures of scenes as a camera sees them, side by side with the same exposure.
 
-use super::page::{Anchor, Frame, LABEL, Page, TICK, TITLE};
+use super::figure::{Anchor, Figure, Frame, LABEL, TICK, TITLE};
 use super::panel::robust_limit;
 use crate::error::{Error, Result};
 use ndarray::Array2;
-use std::path::Path;
 
-/// Number of pixels of the page along each side of a pixel.
+/// Number of pixels of the figure along each side of a pixel.
 const ZOOM: usize = 2;
 /// Distance between pictures (pixels).
 const GAP: i32 = 24;
@@ -15,18 +14,16 @@ const HEAD: i32 = 96;
 /// Height of the line at the bottom (pixels).
 const FOOT: i32 = 44;
 
-/// Draw pictures with their names as a PNG file. The radiances are in any unit, with the first row at
+/// Draw pictures with their names. The radiances are in any unit, with the first row at
 /// the top. White is the 99.8th percentile of all pixels, and the tone curve is that of sRGB.
 ///
 /// # Errors
-/// Returns an error if there is no picture, if pictures differ in size or are empty, or if the file
-/// cannot be written.
+/// Returns an error if there is no picture, or if pictures differ in size or are empty.
 pub fn photograph_figure(
-    path: impl AsRef<Path>,
     pictures: &[(&str, Array2<f32>)],
     title: &str,
     caption: &str,
-) -> Result<()> {
+) -> Result<Figure> {
     let size = pictures.first().map_or((0, 0), |(_, picture)| picture.dim());
     if size.0 == 0 || size.1 == 0 {
         return Err(Error::out_of_range("pictures", "none", "at least one that is not empty"));
@@ -40,19 +37,18 @@ pub fn photograph_figure(
     let white = robust_limit(values).max(f64::MIN_POSITIVE);
     let [height, width] = [size.0, size.1].map(|n| (n * ZOOM) as i32);
     let across = GAP + pictures.len() as i32 * (width + GAP);
-    let mut page = Page::new([across, HEAD + height + FOOT])?;
-    page.text(title, TITLE, Anchor::On, across / 2, 32);
+    let mut figure = Figure::new(title, [across, HEAD + height + FOOT])?;
+    figure.text(title, TITLE, Anchor::On, across / 2, 32);
     for ((name, picture), number) in pictures.iter().zip(0..) {
         let frame = Frame { left: GAP + number * (width + GAP), top: HEAD, width, height };
-        page.text(name, LABEL, Anchor::Above, frame.middle(), frame.top - 8);
-        page.fill(frame, |x, y| {
-            let value = picture[[y as usize / ZOOM, x as usize / ZOOM]];
-            [(255.0 * tone(f64::from(value) / white)).round() as u8; 3]
+        figure.text(name, LABEL, Anchor::Above, frame.middle(), frame.top - 8);
+        figure.fill(frame, size, |row, col| {
+            [(255.0 * tone(f64::from(picture[[row, col]]) / white)).round() as u8; 3]
         });
-        page.border(frame);
+        figure.border(frame);
     }
-    page.text(caption, TICK, Anchor::On, across / 2, HEAD + height + FOOT / 2);
-    page.write(path.as_ref())
+    figure.text(caption, TICK, Anchor::On, across / 2, HEAD + height + FOOT / 2);
+    Ok(figure)
 }
 
 /// The tone curve of sRGB (IEC 61966-2-1): the value of a pixel for a share of the light of white.
@@ -63,6 +59,7 @@ fn tone(light: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
+    use super::super::Format;
     use super::*;
 
     /// Middle grey of 18 % has the value 118 of sRGB, and 21.4 % have 127.5.
@@ -76,16 +73,15 @@ mod tests {
 
     #[test]
     fn pictures_have_one_exposure() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("a.png");
         let bright = Array2::from_elem((4, 6), 1.0_f32);
         let dark = &bright * 0.18;
-        photograph_figure(&path, &[("a", bright.clone()), ("b", dark)], "", "").unwrap();
-        let picture = image::ImageReader::open(&path).unwrap().decode().unwrap().to_rgb8();
+        let pictures = [("a", bright.clone()), ("b", dark)];
+        let png = photograph_figure(&pictures, "", "").unwrap().encode(Format::Png).unwrap();
+        let picture = image::load_from_memory(&png).unwrap().to_rgb8();
         let at = |x: i32| picture.get_pixel(x as u32, HEAD as u32 + 3).0[0];
         assert_eq!((at(GAP + 2), at(2 * GAP + 12 + 2)), (255, 118));
-        assert!(photograph_figure(&path, &[], "", "").is_err());
+        assert!(photograph_figure(&[], "", "").is_err());
         let other = Array2::from_elem((4, 5), 1.0_f32);
-        assert!(photograph_figure(&path, &[("a", bright), ("b", other)], "", "").is_err());
+        assert!(photograph_figure(&[("a", bright), ("b", other)], "", "").is_err());
     }
 }

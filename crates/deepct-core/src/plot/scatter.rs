@@ -1,64 +1,58 @@
 //! Scatter plot of an estimate against the truth.
 
-use super::page::{Anchor, Colour, Frame, Page, TITLE};
+use super::figure::{Anchor, Colour, Figure, Frame, TITLE};
 use super::panel::{ColourBar, ColourScale, PanelAxis, draw_axes, draw_map};
 use crate::error::{Error, Result};
 use crate::grid::Volume;
 use crate::metrics::{check_truth, score};
 use glam::DVec2;
 use ndarray::Array2;
-use std::path::Path;
 
 /// Number of cells of the plot along each axis.
 const CELLS: usize = 75;
 const WHITE: Colour = [255, 255, 255];
 const RED: Colour = [220, 20, 30];
 
-/// Draw the estimated against the true extinction as a PNG file, as in Sde-Chen et al. (2021,
+/// Draw the estimated against the true extinction as in Sde-Chen et al. (2021,
 /// figure 6). Colours show the number of voxels in each cell on a logarithmic scale; a red line
 /// marks a perfect reconstruction.
 ///
 /// # Errors
-/// Returns an error if the volumes are on different grids, if values are negative or not finite,
-/// if the truth is empty, or if the file cannot be written.
-pub fn scatter_figure(
-    path: impl AsRef<Path>,
-    truth: &Volume,
-    estimate: &Volume,
-    title: &str,
-) -> Result<()> {
+/// Returns an error if the volumes are on different grids, if values are negative or not finite, or
+/// if the truth is empty.
+pub fn scatter_figure(truth: &Volume, estimate: &Volume, title: &str) -> Result<Figure> {
     check_pair(truth, estimate)?;
     check_truth(truth)?;
     let frame = Frame { left: 90, top: 110, width: 600, height: 600 };
-    let mut page = Page::new([840, 790])?;
-    page.text(title, TITLE, Anchor::On, frame.middle(), 40);
-    draw_scatter(&mut page, frame, truth, estimate);
-    page.write(path.as_ref())
+    let mut figure = Figure::new(title, [840, 790])?;
+    figure.text(title, TITLE, Anchor::On, frame.middle(), 40);
+    draw_scatter(&mut figure, frame, truth, estimate);
+    Ok(figure)
 }
 
 /// Draw the plot into `frame` with the colour bar to its right.
-pub(super) fn draw_scatter(page: &mut Page, frame: Frame, truth: &Volume, estimate: &Volume) {
+pub(super) fn draw_scatter(figure: &mut Figure, frame: Frame, truth: &Volume, estimate: &Volume) {
     let both = truth.values.iter().chain(&estimate.values);
     let greatest = f64::from(both.copied().fold(0.0, f32::max)).max(f64::MIN_POSITIVE);
     let counts = count_voxels(truth, estimate, greatest);
     let most = counts.iter().copied().max().unwrap_or(1).max(10);
     let scale = ColourScale::new(colorous::VIRIDIS, f64::from(most).log10());
-    draw_map(page, frame, counts.dim(), |at| match counts[at] {
+    draw_map(figure, frame, counts.dim(), |at| match counts[at] {
         0 => WHITE,
         count => scale.colour(f64::from(count).log10()),
     });
     let corner = |x: i32, y: i32| DVec2::new(f64::from(x), f64::from(y));
     let (from, to) = (corner(frame.left, frame.bottom()), corner(frame.right(), frame.top));
-    page.line(from, to, 2.0, RED);
+    figure.line(from, to, 2.0, RED);
     let axis = |label| PanelAxis { label, range: 0.0..greatest };
     let right = axis("true extinction (km\u{207b}\u{b9})");
     let up = axis("estimated extinction (km\u{207b}\u{b9})");
-    draw_axes(page, frame, &caption(truth, estimate), &right, &up);
+    draw_axes(figure, frame, &caption(truth, estimate), &right, &up);
     let bar = Frame { left: frame.right() + 24, width: 18, ..frame };
     let numbers = (0..=most.ilog10())
         .map(|power| (f64::from(power), 10_u64.pow(power).to_string()))
         .collect();
-    ColourBar { scale, label: "voxels", numbers }.draw(page, bar);
+    ColourBar { scale, label: "voxels", numbers }.draw(figure, bar);
 }
 
 /// The scores; empty if the truth is empty.

@@ -1,7 +1,7 @@
 //! Volume rendering: a view from the south-west and above along parallel rays through a coloured
 //! medium whose opacity is proportional to the extinction.
 
-use super::page::{Anchor, Colour, Frame, Page, TICK, draw_arrow};
+use super::figure::{Anchor, Colour, Figure, Frame, Picture, TICK, draw_arrow};
 use super::panel::ColourScale;
 use crate::grid::{Grid, Volume};
 use crate::math::{DVec3, corner_weights, towards};
@@ -14,7 +14,7 @@ const ZENITH: f64 = 1.13;
 const AZIMUTH: f64 = 3.54;
 /// Optical depth of the rendered medium along the diagonal of a grid that is filled with the
 /// extinction at the top of the colour scale.
-const FOG_DEPTH: f64 = 40.0;
+const FOG_DEPTH: f64 = 100.0;
 /// Number of steps of a ray along the shortest side of a voxel.
 const STEPS_PER_VOXEL: f64 = 2.0;
 /// Fraction of the brightness of a surface that does not depend on its orientation.
@@ -46,7 +46,7 @@ impl Viewpoint {
         Self { towards, right, up, center: grid.center(), middle, pixels_per_km }
     }
 
-    /// The position of a point on the page (pixels).
+    /// The position of a point in the figure (pixels).
     fn pixel(&self, point: DVec3) -> DVec2 {
         let offset = self.pixels_per_km * (point - self.center);
         self.middle + DVec2::new(offset.dot(self.right), -offset.dot(self.up))
@@ -61,12 +61,12 @@ impl Viewpoint {
 }
 
 /// Draw the rendering into `frame`: first the far edges of the grid, then the medium.
-pub(super) fn draw_solid(page: &mut Page, frame: Frame, volume: &Volume, scale: ColourScale) {
+pub(super) fn draw_solid(figure: &mut Figure, frame: Frame, volume: &Volume, scale: ColourScale) {
     let viewpoint = Viewpoint::new(&volume.grid, frame);
-    draw_far_edges(page, &volume.grid, &viewpoint);
+    draw_far_edges(figure, &volume.grid, &viewpoint);
     let north = viewpoint.pixel(volume.grid.center() + DVec3::Y) - viewpoint.middle;
     let corner = DVec2::new(f64::from(frame.right()) - 20.0, f64::from(frame.bottom()) - 20.0);
-    draw_arrow(page, corner, north, "N");
+    draw_arrow(figure, corner, north, "N");
     let lines: Vec<Vec<Seen>> = (frame.top..frame.bottom())
         .into_par_iter()
         .map(|y| {
@@ -74,14 +74,9 @@ pub(super) fn draw_solid(page: &mut Page, frame: Frame, volume: &Volume, scale: 
             (frame.left..frame.right()).map(shown).collect()
         })
         .collect();
-    for (line, y) in lines.into_iter().zip(frame.top..) {
-        for (seen, x) in line.into_iter().zip(frame.left..).filter(|(seen, _)| seen.opacity > 0.0) {
-            // The accumulated colour is weighted with the opacity. Divide by the opacity, because
-            // the page applies it when it blends the colour with the background.
-            let colour = seen.colour.map(|channel| (channel / seen.opacity).round() as u8);
-            page.mix(x, y, colour, seen.opacity);
-        }
-    }
+    let cells = lines.into_iter().flatten().map(Seen::cell).collect();
+    let [rows, cols] = [frame.height, frame.width].map(|side| side as usize);
+    figure.picture(Picture { frame, rows, cols, cells });
 }
 
 /// The colour and opacity accumulated along a ray.
@@ -89,6 +84,16 @@ pub(super) fn draw_solid(page: &mut Page, frame: Frame, volume: &Volume, scale: 
 struct Seen {
     colour: [f64; 3],
     opacity: f64,
+}
+
+impl Seen {
+    /// The colour and the opacity of a cell. The accumulated colour is weighted with the opacity, with
+    /// which the colour of a cell is blended with what is behind it.
+    fn cell(self) -> [u8; 4] {
+        let part = |value: f64| (value / self.opacity.max(f64::MIN_POSITIVE)).round() as u8;
+        let [red, green, blue] = self.colour.map(part);
+        [red, green, blue, (255.0 * self.opacity).round() as u8]
+    }
 }
 
 /// Accumulate colour and opacity along the line of sight through `point`.
@@ -153,7 +158,7 @@ fn trilinear(volume: &Volume, point: DVec3) -> f64 {
 
 /// Draw the edges of the grid, except the three that meet at the corner nearest to the viewer, and
 /// label the axes with their ranges.
-fn draw_far_edges(page: &mut Page, grid: &Grid, viewpoint: &Viewpoint) {
+fn draw_far_edges(figure: &mut Figure, grid: &Grid, viewpoint: &Viewpoint) {
     let corner = |bits: usize| {
         let side = DVec3::new((bits & 1) as f64, (bits >> 1 & 1) as f64, (bits >> 2) as f64);
         grid.lower() + side * grid.extent()
@@ -168,7 +173,7 @@ fn draw_far_edges(page: &mut Page, grid: &Grid, viewpoint: &Viewpoint) {
         for to in [1, 2, 4].map(|bit| from | bit).into_iter().filter(|to| *to != from) {
             if from != nearest && to != nearest {
                 let [from, to] = [from, to].map(|bits| viewpoint.pixel(corner(bits)));
-                page.line(from, to, 1.0, GREY);
+                figure.line(from, to, 1.0, GREY);
             }
         }
     }
@@ -183,7 +188,7 @@ fn draw_far_edges(page: &mut Page, grid: &Grid, viewpoint: &Viewpoint) {
     ] {
         let at = viewpoint.pixel(middle).as_ivec2();
         let (dx, dy) = if anchor == Anchor::Below { (0, 8) } else { (-10, 8) };
-        page.text(&text, TICK, anchor, at.x + dx, at.y + dy);
+        figure.text(&text, TICK, anchor, at.x + dx, at.y + dy);
     }
 }
 

@@ -1,14 +1,13 @@
 //! The figure of a volume: slices, projections, volume renderings and, if the truth is known, a
 //! scatter plot.
 
-use super::page::{Anchor, Frame, LABEL, Page, TITLE};
+use super::figure::{Anchor, Figure, Frame, LABEL, TITLE};
 use super::panel::{ColourBar, ColourScale, Panel, PanelAxis, robust_limit};
 use super::scatter::{check_pair, draw_scatter};
 use super::shade::draw_solid;
 use crate::error::{Error, Result};
 use crate::grid::{Grid, Mask, Volume};
-use ndarray::{Array2, Array3, Axis};
-use std::path::Path;
+use ndarray::{Array2, Array3, ArrayView2, Axis};
 
 /// Space to the left of a panel for its tick labels and axis label (pixels).
 const LEFT: i32 = 84;
@@ -20,7 +19,7 @@ const BELOW: i32 = 62;
 const BAR: i32 = 130;
 /// Space for the title of the page (pixels).
 const HEAD: i32 = 70;
-/// Length of the longest horizontal side of the grid on the page (pixels).
+/// Length of the longest horizontal side of the grid in the figure (pixels).
 const LONGEST: f64 = 300.0;
 /// Minimum side length of a panel (pixels). The vertical sections of a flat field are stretched.
 const LEAST_HEIGHT: i32 = 90;
@@ -44,18 +43,17 @@ pub struct VolumeFields<'a> {
     pub mask: Option<&'a Mask>,
 }
 
-/// Draw fields as a PNG file: slices through the centre of mass of the extinction and the optical
-/// depth along each axis. If the truth is given, it is beside the estimate with the same colour
-/// scale, followed by the difference; the last row then has volume renderings and a scatter plot.
+/// Draw fields: along each axis the slice with the most extinction, and the optical depth. If the truth is given, it is beside the estimate with the same colour scale, followed by the
+/// difference; the last row then has volume renderings and a scatter plot.
 ///
 /// # Errors
 /// Returns an error if the fields are on different grids, if there is neither an extinction nor a
-/// mask, if values are negative or not finite, or if the file cannot be written.
-pub fn volume_figure(path: impl AsRef<Path>, fields: &VolumeFields<'_>, title: &str) -> Result<()> {
-    let figure = Figure::new(*fields)?;
-    let mut page = Page::new(figure.size())?;
-    figure.draw(&mut page, title);
-    page.write(path.as_ref())
+/// mask, or if values are negative or not finite.
+pub fn volume_figure(fields: &VolumeFields<'_>, title: &str) -> Result<Figure> {
+    let layout = Layout::new(*fields)?;
+    let mut figure = Figure::new(title, layout.size())?;
+    layout.draw(&mut figure, title);
+    Ok(figure)
 }
 
 /// The sections of a grid: horizontal, west-east and south-north.
@@ -113,17 +111,17 @@ struct Group {
 }
 
 /// The layout of the figure.
-struct Figure<'a> {
+struct Layout<'a> {
     fields: VolumeFields<'a>,
     grid: Grid,
     /// Groups side by side, in a row for each section; blocks are below each other.
     blocks: Vec<Vec<Group>>,
-    /// Size of the panel of each section on the page (pixels).
+    /// Size of the panel of each section in the figure (pixels).
     sizes: [[i32; 2]; 3],
     scale: ColourScale,
 }
 
-impl<'a> Figure<'a> {
+impl<'a> Layout<'a> {
     fn new(fields: VolumeFields<'a>) -> Result<Self> {
         let VolumeFields { extinction, truth, uncertainty, mask } = fields;
         let Some(grid) = extinction.map(|volume| volume.grid).or(mask.map(|mask| mask.grid)) else {
@@ -149,10 +147,10 @@ impl<'a> Figure<'a> {
         let volumes = [truth, extinction].into_iter().flatten();
         let values = volumes.flat_map(|volume| &volume.values).map(|&value| f64::from(value));
         let scale = ColourScale::new(colorous::VIRIDIS, robust_limit(values));
-        let mut figure =
+        let mut layout =
             Self { fields, grid, blocks: Vec::new(), sizes: [[x, y], [x, z], [y, z]], scale };
-        figure.blocks = figure.blocks();
-        Ok(figure)
+        layout.blocks = layout.blocks();
+        Ok(layout)
     }
 
     /// The volumes with their names: the truth and the estimate, or only one of them.
@@ -243,10 +241,8 @@ impl<'a> Figure<'a> {
     /// The voxel `[k, j, i]` through which the slices are taken.
     fn through(&self) -> [usize; 3] {
         match (self.fields.truth.or(self.fields.extinction), self.fields.mask) {
-            (Some(volume), _) => centre_of_mass(&volume.values),
-            (None, Some(mask)) => {
-                centre_of_mass(&mask.values.mapv(|inside| f32::from(u8::from(inside))))
-            }
+            (Some(volume), _) => fullest(&volume.values),
+            (None, Some(mask)) => fullest(&mask.values.mapv(|inside| f32::from(u8::from(inside)))),
             (None, None) => [0; 3],
         }
     }
@@ -289,18 +285,18 @@ impl<'a> Figure<'a> {
         [self.width(), HEAD + self.blocks.len() as i32 * self.block_height() + solids]
     }
 
-    fn draw(&self, page: &mut Page, title: &str) {
-        page.text(title, TITLE, Anchor::On, self.width() / 2, HEAD / 2);
+    fn draw(&self, figure: &mut Figure, title: &str) {
+        figure.text(title, TITLE, Anchor::On, self.width() / 2, HEAD / 2);
         let mut top = HEAD;
         for block in &self.blocks {
-            self.draw_block(page, top, block);
+            self.draw_block(figure, top, block);
             top += self.block_height();
         }
-        self.draw_solids(page, top);
+        self.draw_solids(figure, top);
     }
 
     /// Draw the sections of a block below each other, and its groups side by side.
-    fn draw_block(&self, page: &mut Page, mut top: i32, groups: &[Group]) {
+    fn draw_block(&self, figure: &mut Figure, mut top: i32, groups: &[Group]) {
         for (number, section) in SECTIONS.into_iter().enumerate() {
             let [width, height] = self.sizes[number];
             let mut left = 0;
@@ -314,14 +310,14 @@ impl<'a> Figure<'a> {
                         name => format!("{name}, {}", group.titles[number]),
                     };
                     let values = sections[number].view();
-                    Panel { title, values, right, up, scale: group.scale }.draw(page, frame);
+                    Panel { title, values, right, up, scale: group.scale }.draw(figure, frame);
                     left += self.column_width();
                 }
                 if let Some(label) = &group.label {
                     // The scale is that of the row above, and low panels have no space for its label.
                     let label = if number == 0 { label } else { "" };
                     let bar = Frame { left: frame.right() + 24, width: 18, ..frame };
-                    ColourBar::linear(group.scale, label, height).draw(page, bar);
+                    ColourBar::linear(group.scale, label, height).draw(figure, bar);
                 }
                 left += bar(group);
             }
@@ -330,7 +326,7 @@ impl<'a> Figure<'a> {
     }
 
     /// Draw the volume renderings and, if there are two volumes, the scatter plot.
-    fn draw_solids(&self, page: &mut Page, top: i32) {
+    fn draw_solids(&self, figure: &mut Figure, top: i32) {
         let slot = |number: i32| Frame {
             left: LEFT + number * (SOLID + LEFT),
             top: top + ABOVE,
@@ -340,13 +336,13 @@ impl<'a> Figure<'a> {
         let volumes = self.volumes();
         for ((name, volume), number) in volumes.iter().zip(0..) {
             let frame = slot(number);
-            draw_solid(page, frame, volume, self.scale);
+            draw_solid(figure, frame, volume, self.scale);
             let separator = if name.is_empty() { "" } else { ", " };
             let title = format!("{name}{separator}from the south-west");
-            page.text(&title, LABEL, Anchor::Above, frame.middle(), frame.top - 6);
+            figure.text(&title, LABEL, Anchor::Above, frame.middle(), frame.top - 6);
         }
         if let [(_, truth), (_, estimate)] = volumes[..] {
-            draw_scatter(page, slot(2), truth, estimate);
+            draw_scatter(figure, slot(2), truth, estimate);
         }
     }
 }
@@ -356,22 +352,17 @@ fn bar(group: &Group) -> i32 {
     if group.label.is_some() { BAR } else { 0 }
 }
 
-/// The voxel at the centre of mass; the central one if all values are zero.
-fn centre_of_mass(values: &Array3<f32>) -> [usize; 3] {
-    let mut sum = 0.0;
-    let mut moments = [0.0; 3];
-    for ((k, j, i), &value) in values.indexed_iter() {
-        sum += f64::from(value);
-        for (moment, index) in moments.iter_mut().zip([k, j, i]) {
-            *moment += f64::from(value) * index as f64;
-        }
-    }
-    let (nz, ny, nx) = values.dim();
-    if sum > 0.0 {
-        moments.map(|moment| (moment / sum).round() as usize)
-    } else {
-        [nz / 2, ny / 2, nx / 2]
-    }
+/// The index along each axis of the slice with the largest sum, which is never empty, unlike that through
+/// the centre of mass of several clouds; of several such slices, the one nearest to the middle.
+fn fullest(values: &Array3<f32>) -> [usize; 3] {
+    std::array::from_fn(|axis| {
+        let sum = |slice: ArrayView2<'_, f32>| slice.iter().map(|&value| f64::from(value)).sum();
+        let sums: Vec<f64> = values.axis_iter(Axis(axis)).map(sum).collect();
+        let most = sums.iter().copied().fold(0.0, f64::max);
+        let middle = sums.len() / 2;
+        let places = (0..sums.len()).filter(|&index| sums[index] == most);
+        places.min_by_key(|index| index.abs_diff(middle)).unwrap_or(middle)
+    })
 }
 
 /// The optical depth across the whole grid along the axis normal to the section.
@@ -400,14 +391,16 @@ mod tests {
     }
 
     #[test]
-    fn slices_go_through_the_centre_of_mass() {
+    fn slices_are_never_empty() {
         let mut volume = volume();
-        assert_eq!(centre_of_mass(&volume.values), [1, 2, 0]);
-        // x: (7 * 0 + 1 * 0 + 8 * 3) / 16 = 1.5, which is rounded to 2.
-        volume.values[[1, 2, 3]] = 8.0;
-        assert_eq!(centre_of_mass(&volume.values), [1, 2, 2]);
+        assert_eq!(fullest(&volume.values), [1, 2, 0]);
+        // Between two clouds is clear air: 7 + 1 in the west, 9 in the east.
+        volume.values[[1, 2, 3]] = 9.0;
+        assert_eq!(fullest(&volume.values), [1, 2, 3]);
+        volume.values.fill(1.0);
+        assert_eq!(fullest(&volume.values), [1, 1, 2]);
         volume.values.fill(0.0);
-        assert_eq!(centre_of_mass(&volume.values), [1, 1, 2]);
+        assert_eq!(fullest(&volume.values), [1, 1, 2]);
     }
 
     #[test]
@@ -424,12 +417,12 @@ mod tests {
         let volume = volume();
         let mask = Mask::new(volume.grid, volume.values.mapv(|value| value > 0.0)).unwrap();
         let columns = |fields| {
-            let figure = Figure::new(fields).unwrap();
+            let layout = Layout::new(fields).unwrap();
             let groups = |groups: &Vec<Group>| {
                 let columns = groups.iter().flat_map(|group| &group.columns);
                 columns.map(|(name, _)| *name).collect::<Vec<_>>().join(" ")
             };
-            figure.blocks.iter().map(groups).collect::<Vec<_>>().join("; ")
+            layout.blocks.iter().map(groups).collect::<Vec<_>>().join("; ")
         };
         let estimate = VolumeFields { extinction: Some(&volume), ..Default::default() };
         assert_eq!(columns(estimate), " ");
@@ -442,6 +435,6 @@ mod tests {
         assert_eq!(columns(carved), "mask");
         let compared = VolumeFields { truth: Some(&volume), ..carved };
         assert_eq!(columns(compared), "truth mask truth");
-        assert!(Figure::new(VolumeFields::default()).is_err());
+        assert!(Layout::new(VolumeFields::default()).is_err());
     }
 }

@@ -7,16 +7,20 @@ use crate::grid::Volume;
 use crate::io::{Drawing, Field, read_drawing, read_extinction};
 use crate::metrics::{score, score_mask};
 use crate::network::Estimate;
-use crate::plot::contact_sheet;
+use crate::plot::{Format, contact_sheet};
 use crate::scene::{Light, Observation};
 use std::path::Path;
 
-/// A field as the page contains it.
+/// Upper limit of the number of voxels of a volume in the page of a file. Larger ones are averaged over
+/// blocks.
+pub const MAX_VOXELS: usize = 1 << 22;
+
+/// A field as the page contains it, with at most `most_voxels`.
 ///
 /// # Errors
 /// Values that are negative or not finite.
-pub(super) fn exhibit(field: &Field, name: &str) -> Result<Exhibit> {
-    let mut exhibit = Exhibit::new(name, field.grid());
+pub(super) fn exhibit(field: &Field, name: &str, most_voxels: usize) -> Result<Exhibit> {
+    let mut exhibit = Exhibit::new(name, field.grid(), most_voxels);
     if let Some(Estimate { extinction, uncertainty }) = &field.estimate {
         exhibit = exhibit.with("extinction", extinction)?;
         if let Some(uncertainty) = uncertainty {
@@ -37,39 +41,66 @@ pub(super) fn exhibit(field: &Field, name: &str) -> Result<Exhibit> {
 /// beside images.
 pub fn file_report(path: impl AsRef<Path>, truth: Option<&Path>) -> Result<Report> {
     let path = path.as_ref();
-    let name = file_name(path);
-    let mut report = Report::new(&name);
     let (content, stated) = read_drawing(path, &Light::default())?;
-    let field = match content {
+    let field = match &content {
         Drawing::Images(_) if truth.is_some() => {
             let problem = "are images, which cannot be compared with a truth";
             return Err(Error::file(path, "radiance", problem, "omit --truth, or give a volume"));
         }
-        Drawing::Images(observation) => {
-            add_sheet(&mut report, &observation, &name)?;
-            return Ok(report);
-        }
-        Drawing::Field(field) => field,
+        Drawing::Images(_) => None,
+        Drawing::Field(field) => Some(field),
     };
-    let source = if stated.is_some() { "as the file states" } else { "assumed" };
-    let light = stated.unwrap_or_default();
-    let truth = truth.map(|truth| Ok((truth, read_extinction(truth, &light)?))).transpose()?;
-    if let Some((of, truth)) = &truth {
-        if !truth.grid.matches(field.grid()) {
+    let light = stated.clone().unwrap_or_default();
+    let read = |of: &Path| {
+        let truth = read_extinction(of, &light)?;
+        if field.is_some_and(|field| !truth.grid.matches(field.grid())) {
             let problem = format!("is on another grid than {}", of.display());
             let remedy = "resample it first: deepct regrid FILE --like TRUTH --out NEW";
             return Err(Error::file(path, "grid", problem, remedy));
         }
-        add_scores(&mut report, truth, &[(name.as_str(), &field)]);
+        Ok(truth)
+    };
+    let truth = truth.map(read).transpose()?;
+    drawing_report(&file_name(path), &content, stated.as_ref(), truth.as_ref(), MAX_VOXELS)
+        .map_err(Error::in_file(path))
+}
+
+/// The page of images or of a field, as [`file_report`]. Without a `light`, that of the default is
+/// assumed. Volumes of more than `most_voxels` are averaged over blocks.
+///
+/// # Errors
+/// A truth on another grid, or beside images; values that are negative or not finite.
+pub fn drawing_report(
+    name: &str,
+    content: &Drawing,
+    light: Option<&Light>,
+    truth: Option<&Volume>,
+    most_voxels: usize,
+) -> Result<Report> {
+    let mut report = Report::new(name);
+    let field = match content {
+        Drawing::Images(_) if truth.is_some() => {
+            let range = "none beside images, which cannot be compared with it";
+            return Err(Error::out_of_range("truth", "given", range));
+        }
+        Drawing::Images(observation) => {
+            add_sheet(&mut report, observation, name)?;
+            return Ok(report);
+        }
+        Drawing::Field(field) => field,
+    };
+    let source = if light.is_some() { "as stated" } else { "assumed" };
+    let sun = light.map_or_else(|| Light::default().sun, |light| light.sun);
+    if let Some(truth) = truth {
+        field.grid().check_same("the truth", &truth.grid)?;
+        add_scores(&mut report, truth, &[(name, field)]);
     }
     let exhibits = report.exhibits();
-    let left = truth
-        .as_ref()
-        .map(|(_, truth)| Exhibit::new("truth", &truth.grid).with("extinction", truth))
-        .transpose()?
-        .map(|exhibit| exhibits.add(exhibit));
-    let right = exhibits.add(exhibit(&field, &name).map_err(Error::in_file(path))?);
-    exhibits.show(left, right, &light.sun, source);
+    let of_truth =
+        |truth: &Volume| Exhibit::new("truth", &truth.grid, most_voxels).with("extinction", truth);
+    let left = truth.map(of_truth).transpose()?.map(|exhibit| exhibits.add(exhibit));
+    let right = exhibits.add(exhibit(field, name, most_voxels)?);
+    exhibits.show(left, right, &sun, source);
     report.viewer();
     Ok(report)
 }
@@ -135,13 +166,10 @@ pub(super) fn add_scores(report: &mut Report, truth: &Volume, fields: &[(&str, &
 /// Add the sheet of the images of a file.
 ///
 /// # Errors
-/// Images that do not fit on a sheet; no folder for temporary files.
+/// Images that do not fit on a sheet.
 pub(super) fn add_sheet(report: &mut Report, observation: &Observation, name: &str) -> Result<()> {
-    let folder = std::env::temp_dir();
-    let folder = tempfile::tempdir_in(&folder).map_err(Error::io(folder))?;
-    let path = folder.path().join("sheet.png");
     let wavelength = observation.light.wavelength;
-    contact_sheet(&path, &observation.images, &observation.geometry(), wavelength, &[], name)?;
-    report.picture(&std::fs::read(&path).map_err(Error::io(&path))?, name);
+    let sheet = contact_sheet(&observation.images, &observation.geometry(), wavelength, &[], name)?;
+    report.picture(&sheet.encode(Format::Png)?, name);
     Ok(())
 }

@@ -1,6 +1,6 @@
-//! Volumes as the page contains them: integers in base64, with their grid, units and step.
+//! Volumes as the page contains them: integers, compressed and in base64, with their grid, units and step.
 
-use super::base64;
+use crate::encoding::{base64, compressed};
 use crate::error::Result;
 use crate::grid::{Grid, Mask, Volume};
 use crate::scene::Sun;
@@ -9,8 +9,6 @@ use ndarray::{Array3, s};
 use serde::Serialize;
 use std::collections::BTreeMap;
 
-/// Upper limit of the number of voxels of a volume in a page. Larger ones are averaged over blocks.
-const MAX_VOXELS: usize = 1 << 22;
 /// Number of colours of a palette.
 const COLOURS: usize = 64;
 
@@ -50,7 +48,7 @@ pub(super) struct Exhibit {
 #[derive(Debug, Serialize)]
 struct Quantised {
     step: f64,
-    /// Bits of an unsigned integer, which is little endian.
+    /// Bits of an unsigned integer, which is little endian. The integers are compressed by zlib.
     bits: u8,
     values: String,
 }
@@ -132,10 +130,10 @@ impl Exhibits {
 }
 
 impl Exhibit {
-    /// A volume without fields.
-    pub(super) fn new(name: &str, grid: &Grid) -> Self {
+    /// A volume without fields, which is averaged over blocks if it has more than `most_voxels`.
+    pub(super) fn new(name: &str, grid: &Grid, most_voxels: usize) -> Self {
         let block = (1..).find(|block| {
-            grid.shape.iter().map(|n| n.div_ceil(*block)).product::<usize>() <= MAX_VOXELS
+            grid.shape.iter().map(|n| n.div_ceil(*block)).product::<usize>() <= most_voxels.max(1)
         });
         let block = block.unwrap_or(1);
         Self {
@@ -162,7 +160,7 @@ impl Exhibit {
             .iter()
             .flat_map(|&value| if step > 0.0 { integer(value) } else { 0 }.to_le_bytes())
             .collect();
-        let field = Quantised { step, bits: 16, values: base64::encode(&bytes) };
+        let field = Quantised { step, bits: 16, values: base64(&compressed(&bytes)) };
         self.fields.insert(name, field);
         Ok(self)
     }
@@ -173,7 +171,7 @@ impl Exhibit {
         let bytes: Vec<u8> =
             values.iter().map(|share| (share * f32::from(u8::MAX)).round() as u8).collect();
         let step = 1.0 / f64::from(u8::MAX);
-        let field = Quantised { step, bits: 8, values: base64::encode(&bytes) };
+        let field = Quantised { step, bits: 8, values: base64(&compressed(&bytes)) };
         self.fields.insert("mask", field);
         self
     }
@@ -203,22 +201,24 @@ mod tests {
         let grid = Grid::new(DVec3::ZERO, DVec3::ONE, [1, 1, 3]).unwrap();
         let values = Array3::from_shape_vec(grid.shape, vec![0.0, 50.0, 100.0]).unwrap();
         let volume = Volume::new(grid, values).unwrap();
-        let exhibit = Exhibit::new("volume", &grid).with("extinction", &volume).unwrap();
+        let exhibit = Exhibit::new("volume", &grid, 1 << 22).with("extinction", &volume).unwrap();
         let field = &exhibit.fields["extinction"];
         assert!((field.step * 65535.0 - 100.0).abs() < 1e-9);
         // 0, 32768 (32767.5 rounded away from zero) and 65535, little endian.
-        assert_eq!(field.values, base64::encode(&[0, 0, 0, 0x80, 0xff, 0xff]));
+        assert_eq!(field.values, base64(&compressed(&[0, 0, 0, 0x80, 0xff, 0xff])));
         let wrong = Volume::constant(grid, f32::NAN);
-        assert!(Exhibit::new("volume", &grid).with("extinction", &wrong).is_err());
+        assert!(Exhibit::new("volume", &grid, 1 << 22).with("extinction", &wrong).is_err());
         assert!(
-            Exhibit::new("volume", &grid).with("extinction", &Volume::constant(grid, 0.0)).is_ok()
+            Exhibit::new("volume", &grid, 1 << 22)
+                .with("extinction", &Volume::constant(grid, 0.0))
+                .is_ok()
         );
     }
 
     #[test]
     fn large_volumes_are_averaged() {
         let grid = Grid::new(DVec3::ZERO, DVec3::new(0.1, 0.2, 0.4), [2, 3, 5]).unwrap();
-        let mut exhibit = Exhibit::new("volume", &grid);
+        let mut exhibit = Exhibit::new("volume", &grid, 1 << 22);
         assert_eq!((exhibit.block, exhibit.shape), (1, grid.shape));
         (exhibit.block, exhibit.shape) = (2, [1, 2, 3]);
         let means =
@@ -227,7 +227,7 @@ mod tests {
         assert_eq!(means[[0, 0, 0]], 1.0);
         assert_eq!(means[[0, 1, 0]], 0.5);
         let large = Grid::new(DVec3::ZERO, DVec3::ONE, [200, 256, 256]).unwrap();
-        let exhibit = Exhibit::new("volume", &large);
+        let exhibit = Exhibit::new("volume", &large, 1 << 22);
         assert_eq!((exhibit.block, exhibit.shape, exhibit.spacing), (2, [100, 128, 128], [2.0; 3]));
     }
 }

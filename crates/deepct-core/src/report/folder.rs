@@ -1,6 +1,6 @@
 //! The page of a folder: of `deepct demo`, of files of the processing chain, or of an experiment.
 
-use super::contents::{add_scores, add_sheet, exhibit, file_name};
+use super::contents::{MAX_VOXELS, add_scores, add_sheet, exhibit, file_name};
 use super::exhibit::Exhibit;
 use super::markdown;
 use super::page::Report;
@@ -168,7 +168,8 @@ fn add_volumes(
     let exhibits = report.exhibits();
     let left = truth
         .map(|Truth { name, volume }| {
-            Exhibit::new(&format!("truth ({name})"), &volume.grid).with("extinction", volume)
+            Exhibit::new(&format!("truth ({name})"), &volume.grid, MAX_VOXELS)
+                .with("extinction", volume)
         })
         .transpose()?
         .map(|exhibit| exhibits.add(exhibit));
@@ -181,7 +182,8 @@ fn add_volumes(
     for one in others.iter().take(MAX_VOLUMES) {
         let (sun, source) = sun_of(Some(one));
         let comparable = truth.is_some_and(|truth| truth.volume.grid.matches(one.field.grid()));
-        let right = exhibit(&one.field, &one.name).map_err(Error::in_file(&one.path))?;
+        let right =
+            exhibit(&one.field, &one.name, MAX_VOXELS).map_err(Error::in_file(&one.path))?;
         let right = exhibits.add(right);
         exhibits.show(left.filter(|_| comparable), right, &sun, &source);
     }
@@ -223,7 +225,8 @@ fn add_experiment(report: &mut Report, folder: &Path) -> Result<()> {
                 if !shown.iter().any(|(of, ..)| *of == number) {
                     let volume = read_extinction(cloud, &light)?;
                     let name = format!("truth ({})", file_name(cloud));
-                    let exhibit = Exhibit::new(&name, &volume.grid).with("extinction", &volume)?;
+                    let exhibit = Exhibit::new(&name, &volume.grid, MAX_VOXELS)
+                        .with("extinction", &volume)?;
                     let index = report.exhibits().add(exhibit);
                     shown.push((number, index, volume));
                 }
@@ -234,7 +237,7 @@ fn add_experiment(report: &mut Report, folder: &Path) -> Result<()> {
             .filter(|(_, _, volume)| volume.grid.matches(field.grid()))
             .map(|(_, index, _)| *index);
         let exhibits = report.exhibits();
-        let right = exhibits.add(exhibit(&field, &stem).map_err(Error::in_file(path))?);
+        let right = exhibits.add(exhibit(&field, &stem, MAX_VOXELS).map_err(Error::in_file(path))?);
         exhibits.show(left, right, &light.sun, "as the file states");
     }
     report.viewer();

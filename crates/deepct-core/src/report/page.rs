@@ -1,7 +1,7 @@
 //! The parts of a page and their assembly.
 
-use super::base64;
 use super::exhibit::Exhibits;
+use crate::encoding::base64;
 use crate::error::Result;
 use crate::files;
 use std::fmt::Write;
@@ -71,7 +71,7 @@ impl Report {
         self.html(&format!(
             "<figure><img alt=\"{caption}\" src=\"data:image/png;base64,{}\">\
              <figcaption>{caption}</figcaption></figure>",
-            base64::encode(png)
+            base64(png)
         ));
     }
 
@@ -84,7 +84,7 @@ impl Report {
     }
 
     /// The page as HTML.
-    fn text(&self) -> String {
+    pub fn to_html(&self) -> String {
         let scripts = if self.exhibits.is_empty() {
             String::new()
         } else {
@@ -123,7 +123,7 @@ impl Report {
     /// # Errors
     /// A folder that does not exist or cannot be written to.
     pub fn write(&self, path: impl AsRef<Path>) -> Result<()> {
-        files::write(path.as_ref(), self.text())
+        files::write(path.as_ref(), self.to_html())
     }
 }
 
@@ -156,13 +156,13 @@ mod tests {
         let grid = Grid::new(DVec3::ZERO, DVec3::ONE, [1, 1, 1]).unwrap();
         let name = "</script><script>alert(2)</script>";
         let volume = Volume::constant(grid, 1.0);
-        let exhibit = Exhibit::new(name, &grid).with("extinction", &volume).unwrap();
+        let exhibit = Exhibit::new(name, &grid, 1).with("extinction", &volume).unwrap();
         let index = report.exhibits().add(exhibit);
         report.exhibits().show(None, index, &Sun::default(), name);
         report.table(&[name], &[vec![name.into()]]);
         report.picture(b"", name);
         report.viewer();
-        let text = report.text();
+        let text = report.to_html();
         assert!(!text.contains("<script>alert"), "{text}");
         assert_eq!(text.matches("<script").count(), 2);
         assert!(text.contains("&lt;/script&gt; {{body}}</h1>"));
@@ -173,10 +173,10 @@ mod tests {
     fn the_page_refers_to_nothing_else() {
         let mut report = Report::new("title");
         report.picture(b"png", "picture");
-        let text = report.text() + VIEWER + SCRIPT + STYLE;
+        let text = report.to_html() + VIEWER + SCRIPT + STYLE;
         for outside in ["http:", "https:", "//cdn", "url(", "import ", "src=\"/", "fetch("] {
             assert!(!text.contains(outside), "{outside}");
         }
-        assert!(!report.text().contains("<script"));
+        assert!(!report.to_html().contains("<script"));
     }
 }

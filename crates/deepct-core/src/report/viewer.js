@@ -9,7 +9,7 @@ const FIELD_OF_VIEW = 0.5;       // radians
 const STILL_MS = 160;            // without motion, after which the view is drawn in full
 const FRAME_MS = 1000 / 30;      // aim while the view turns
 const LEAST_QUALITY = 0.2;       // pixels of the coarsest view by those of the full one, along each side
-const FOG_DEPTH = 30;            // optical depth of the coloured medium along the diagonal
+const FOG_DEPTH = 80;            // optical depth of the coloured medium along the diagonal
 
 // ---------------------------------------------------------------------------------- vectors
 const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
@@ -22,18 +22,21 @@ const towards = (zenith, azimuth) =>
 const radians = degrees => degrees * Math.PI / 180;
 
 // ---------------------------------------------------------------------------------- data
-/** The values of a stored field: 8-bit or 16-bit integers in base64, times a step. */
-function decode(field) {
-  if (!field.decoded) {
-    const text = atob(field.values);
-    const bytes = Uint8Array.from(text, letter => letter.charCodeAt(0));
-    const integers = field.bits === 16 ? new DataView(bytes.buffer) : bytes;
-    const count = bytes.length / (field.bits / 8);
-    field.decoded = Float32Array.from({ length: count }, (_, index) =>
-      field.step * (field.bits === 16 ? integers.getUint16(2 * index, true) : integers[index]));
-  }
-  return field.decoded;
+/** Decompress the values of a stored field: 8-bit or 16-bit integers in the format of zlib, times a step. */
+async function decode(field) {
+  if (field.decoded) return;
+  const bytes = Uint8Array.from(atob(field.values), letter => letter.charCodeAt(0));
+  const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream('deflate'));
+  const buffer = await new Response(stream).arrayBuffer();
+  const integers = field.bits === 16 ? new DataView(buffer) : new Uint8Array(buffer);
+  const count = buffer.byteLength / (field.bits / 8);
+  field.decoded = Float32Array.from({ length: count }, (_, index) =>
+    field.step * (field.bits === 16 ? integers.getUint16(2 * index, true) : integers[index]));
 }
+
+/** The volumes of a pair: the truth, if it is known, and the estimate. */
+const volumesOf = pair =>
+  [pair.truth, pair.estimate].filter(index => index !== null).map(index => data.volumes[index]);
 
 function largest(values) {
   let found = 0;
@@ -41,32 +44,44 @@ function largest(values) {
   return found;
 }
 
-/** What is shown of a pair for each choice of the field: a panel for the truth and the estimate. */
+/** The end of a colour scale: the 99.8th percentile of the sizes of the values that are not zero, so that single
+    bright ones do not darken all others. */
+function robustLimit(arrays) {
+  const sizes = arrays.map(values => values.filter(value => value !== 0).map(Math.abs));
+  const all = new Float32Array(sizes.reduce((sum, one) => sum + one.length, 0));
+  sizes.reduce((start, one) => (all.set(one, start), start + one.length), 0);
+  return all.length ? all.sort()[Math.ceil(0.998 * (all.length - 1))] : 0;
+}
+
+/** What is shown of a pair, whose fields are decoded, for each choice of the field: a panel for the truth
+    and the estimate. */
 function choicesOf(pair) {
-  const estimate = data.volumes[pair.estimate];
-  const truth = pair.truth === null ? null : data.volumes[pair.truth];
-  const volumes = truth ? [truth, estimate] : [estimate];
-  const panel = (volume, name, values, palette, high, unit, low = 0) =>
-    ({ volume, name, values, palette, low, high: high || 1, unit, sunlit: false });
+  const volumes = volumesOf(pair);
+  const estimate = volumes[volumes.length - 1], truth = volumes.length > 1 && volumes[0];
+  const panel = (volume, name, values, palette, high, unit, low = 0) => {
+    const most = largest(values);
+    const label = most > high ? `${unit}, largest ${Number(most.toPrecision(3))}` : unit;
+    return { volume, name, values, palette, low, high: high || 1, unit, label, sunlit: false };
+  };
   const unit = 'km\u207b\u00b9';
   const choices = [];
   if (estimate.fields.extinction) {
-    const values = volumes.map(volume => decode(volume.fields.extinction));
-    const high = Math.max(...values.map(largest));
+    const values = volumes.map(volume => volume.fields.extinction.decoded);
+    const high = robustLimit(values);
     const panels = volumes.map((volume, number) =>
       panel(volume, `${volume.name}: extinction`, values[number], 'extinction', high, unit));
     choices.push({ name: 'cloud in sunlight', panels: panels.map(one => ({ ...one, sunlit: true })) });
     choices.push({ name: 'extinction', panels });
     const error = truth && values[1].map((value, index) => value - values[0][index]);
     if (truth) {
-      const most = largest(error);
+      const most = robustLimit([error]);
       choices.push({ name: 'difference', panels: [panels[0],
         panel(estimate, `${estimate.name}: estimate \u2212 truth`, error, 'difference', most, unit, -most)] });
     }
     if (estimate.fields.uncertainty) {
-      const expected = decode(estimate.fields.uncertainty);
+      const expected = estimate.fields.uncertainty.decoded;
       const found = truth && error.map(Math.abs);
-      const most = Math.max(largest(expected), found ? largest(found) : 0);
+      const most = robustLimit(found ? [expected, found] : [expected]);
       const right = panel(estimate, `${estimate.name}: expected absolute error`, expected,
         'uncertainty', most, unit);
       const left = truth && panel(estimate, 'absolute error', found, 'uncertainty', most, unit);
@@ -74,9 +89,9 @@ function choicesOf(pair) {
     }
   }
   if (estimate.fields.mask) {
-    const mask = panel(estimate, `${estimate.name}: mask`, decode(estimate.fields.mask), 'mask', 1, '');
+    const mask = panel(estimate, `${estimate.name}: mask`, estimate.fields.mask.decoded, 'mask', 1, '');
     const left = truth && panel(truth, `${truth.name}: extinction`,
-      decode(truth.fields.extinction), 'extinction', largest(decode(truth.fields.extinction)), unit);
+      truth.fields.extinction.decoded, 'extinction', robustLimit([truth.fields.extinction.decoded]), unit);
     choices.push({ name: 'mask', panels: left ? [left, mask] : [mask] });
   }
   return choices;
@@ -423,8 +438,10 @@ function drawBox(context, grid, camera, project) {
     }
     const at = project(add(ends[0], ends[1]).map(value => 0.5 * value)), out = outwards(at);
     if (axis !== 2) context.textAlign = out[0] < at[0] ? 'right' : 'left';
-    context.fillText(['x, east (km)', 'y, north (km)', 'altitude (km)'][axis],
-      at[0] + (axis === 2 ? 2.2 : 2.6) * (out[0] - at[0]), at[1] + 3.2 * (out[1] - at[1]) + 4);
+    // The label of the altitude stays inside the view.
+    const place = at[0] + (axis === 2 ? 2.2 : 2.6) * (out[0] - at[0]);
+    const least = axis === 2 ? context.measureText(AXES[axis]).width + 4 : 0;
+    context.fillText(AXES[axis], Math.max(place, least), at[1] + 3.2 * (out[1] - at[1]) + 4);
   });
 }
 
@@ -507,7 +524,7 @@ function drawSlice(canvas, panel, axis, index) {
     line(context, [x + 14, y], [x + 19, y]);
     context.fillText(text, x + 22, y + 4);
   }
-  if (panel.unit) upwards(context, panel.unit, x + 66, top + height / 2);
+  if (panel.label) upwards(context, panel.label, x + 66, top + height / 2);
 
   return (x, y) => {
     const column = Math.floor((x - left) / width * columns);
@@ -556,8 +573,12 @@ function fill(select, names) {
   select.replaceChildren(...names.map((name, value) => new Option(name, value)));
 }
 
-function choosePair() {
-  pair = data.pairs[controls.pair.value];
+async function choosePair() {
+  const chosen = data.pairs[controls.pair.value];
+  await Promise.all(volumesOf(chosen).flatMap(volume => Object.values(volume.fields)).map(decode));
+  // Another pair may have been chosen in the meantime.
+  if (chosen !== data.pairs[controls.pair.value]) return;
+  pair = chosen;
   choices = choicesOf(pair);
   const before = choice && choice.name;
   fill(controls.field, choices.map(one => one.name));
@@ -565,6 +586,7 @@ function choosePair() {
   byId('sun').textContent = `Sun at zenith angle ${pair.sun.zenith.toFixed(1)}°, azimuth `
     + `${pair.sun.azimuth.toFixed(0)}° from north (${pair.sun.source}).`;
   chooseField();
+  reset();
 }
 
 function chooseField() {
@@ -607,18 +629,19 @@ function chooseThreshold() {
   redraw(false);
 }
 
-/** The slice begins at the centre of gravity of the first panel. */
+/** The first slice is the fullest one of the first panel, as in figures. */
 function chooseAxis() {
   const grid = gridOf(shown[0].panel.volume);
   const [normal] = SECTIONS[controls.axis.value];
-  let sum = 0, moment = 0;
+  const sums = new Float64Array(grid.n[normal]);
   shown[0].panel.values.forEach((value, voxel) => {
-    const weight = Math.abs(value);
-    sum += weight;
-    moment += weight * (Math.floor(voxel / grid.steps[normal]) % grid.n[normal]);
+    sums[Math.floor(voxel / grid.steps[normal]) % grid.n[normal]] += Math.abs(value);
   });
-  Object.assign(controls.position,
-    { min: 0, max: grid.n[normal] - 1, step: 1, value: sum > 0 ? Math.round(moment / sum) : grid.n[normal] >> 1 });
+  const most = largest(sums), middle = sums.length >> 1;
+  const nearest = (best, sum, index) =>
+    sum === most && Math.abs(index - middle) < Math.abs(best - middle) ? index : best;
+  const value = sums.reduce(nearest, Infinity);
+  Object.assign(controls.position, { min: 0, max: sums.length - 1, step: 1, value });
   choosePosition();
 }
 
@@ -724,17 +747,17 @@ function listen(view) {
   });
 }
 
+function begin() {
+  for (const [name, act] of Object.entries({ pair: choosePair, field: chooseField, threshold: chooseThreshold,
+    axis: chooseAxis, position: choosePosition, cut: () => redraw(false) }))
+    controls[name].addEventListener('input', act);
+  controls.reset.addEventListener('click', reset);
+  window.addEventListener('resize', choosePosition);
+}
+
 fill(controls.pair, data.pairs.map(one => one.name));
 controls.pair.parentElement.hidden = data.pairs.length < 2;
 byId('no-webgl').hidden = Boolean(marcher);
-controls.pair.addEventListener('input', () => { choosePair(); reset(); });
-controls.field.addEventListener('input', chooseField);
-controls.threshold.addEventListener('input', chooseThreshold);
-controls.axis.addEventListener('input', chooseAxis);
-controls.position.addEventListener('input', choosePosition);
-controls.cut.addEventListener('input', () => redraw(false));
-controls.reset.addEventListener('click', reset);
-window.addEventListener('resize', choosePosition);
-choosePair();
-reset();
+byId('no-streams').hidden = 'DecompressionStream' in window;
+if (byId('no-streams').hidden) choosePair().then(begin);
 })();

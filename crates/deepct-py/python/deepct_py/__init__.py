@@ -41,6 +41,7 @@ from ._deepct import (
     Lineage,
     Network,
     Observation,
+    Page,
     Reconstruction,
     Renderer,
     Rendering,
@@ -65,6 +66,7 @@ from ._deepct import (
     score,
     sense,
     set_threads,
+    view,
 )
 from ._fields import infer
 
@@ -80,6 +82,7 @@ __all__ = [
     "Lineage",
     "Network",
     "Observation",
+    "Page",
     "Reconstruction",
     "Renderer",
     "Rendering",
@@ -104,4 +107,5 @@ __all__ = [
     "score",
     "sense",
     "set_threads",
+    "view",
 ]

@@ -1,5 +1,6 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from os import PathLike
+from pathlib import Path
 from typing import Any, Literal, Optional, Protocol, Union, final, overload
 
 import numpy as np
@@ -40,6 +41,7 @@ __all__ = [
     "Lineage",
     "Network",
     "Observation",
+    "Page",
     "Reconstruction",
     "Renderer",
     "Rendering",
@@ -64,6 +66,7 @@ __all__ = [
     "score",
     "sense",
     "set_threads",
+    "view",
 ]
 
 __version__: str
@@ -785,14 +788,18 @@ def score(truth: _Extinction, estimate: _Extinction) -> Scores: ...
 
 @final
 class Figure:
-    def __new__(cls, png: bytes) -> Figure: ...
+    def __new__(cls, png: bytes, svg: str, pdf: bytes) -> Figure: ...
     @property
     def png(self) -> bytes: ...
+    @property
+    def svg(self) -> str: ...
+    @property
+    def pdf(self) -> bytes: ...
     def save(self, path: _Path, *, overwrite: bool = False) -> None: ...
     def _repr_png_(self) -> bytes: ...
 
 def plot(
-    what: Union[_Extinction, _Images, _Path],
+    what: Union[_Extinction, _Images, Carved, _Path],
     truth: Union[_Extinction, _Path, None] = None,
     *,
     grid: Optional[_Grid] = None,
@@ -800,3 +807,22 @@ def plot(
     out: Optional[_Path] = None,
     overwrite: bool = False,
 ) -> Figure: ...
+
+@final
+class Page:
+    def __new__(cls, html: str) -> Page: ...
+    @property
+    def html(self) -> str: ...
+    def save(self, path: _Path, *, overwrite: bool = False) -> None: ...
+    def open(self) -> Path: ...
+    def _repr_html_(self) -> str: ...
+
+def view(
+    what: Union[_Extinction, _Images, Carved, _Path],
+    truth: Union[_Extinction, _Path, None] = None,
+    *,
+    grid: Optional[_Grid] = None,
+    title: Optional[str] = None,
+    out: Optional[_Path] = None,
+    overwrite: bool = False,
+) -> Page: ...

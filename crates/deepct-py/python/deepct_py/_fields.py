@@ -14,8 +14,9 @@ def infer(images, network="general", *, grid=None, carve=False, side=512):
     Parameters
     ----------
     images : xarray.Dataset or Observation
-        The variables of a file of images, opened with ``chunks``; all images have the same size. Or images
-        in memory.
+        The variables of a file of images, which xarray has opened; all images have the same size. Without
+        ``chunks``, each tile reads its own part of the file, which is faster on a cluster than chunks that
+        its workers exchange. Or images in memory.
     network : Network, str or path
         The network, or its weights.
     grid : Grid, object or path, optional
@@ -45,7 +46,7 @@ def infer(images, network="general", *, grid=None, carve=False, side=512):
     -----
     A field is computed and written by ::
 
-        images = xarray.open_dataset("images.nc", chunks={})
+        images = xarray.open_dataset("images.nc")
         deepct_py.infer(images).to_zarr("volume.zarr")
     """
     if not isinstance(network, Network):
@@ -55,7 +56,7 @@ def infer(images, network="general", *, grid=None, carve=False, side=512):
     if not hasattr(images, "data_vars"):
         raise TypeError(
             f"images must be a data set of xarray or an Observation, not {type(images)}: open a file with "
-            "xarray.open_dataset(path, chunks={}), or read it with deepct_py.read_images(path)"
+            "xarray.open_dataset(path), or read it with deepct_py.read_images(path)"
         )
     import dask
     import dask.array
