@@ -47,7 +47,9 @@ fn volumes_and_images_become_pictures() {
     assert!(carved > mask + 300, "{mask} {carved}");
     let [wide, high] = size(&program, "sheet.png");
     assert!(wide > 5 * 176 && high > 2 * 150 && wide > high);
-    for (name, start) in [("sheet.svg", "<!-- deepct -->\n<svg"), ("sheet.PDF", "%PDF-1.7")] {
+    for (name, start) in
+        [("sheet.svg", "<?xml version=\"1.0\"?>\n<!-- deepct -->\n<svg"), ("sheet.PDF", "%PDF-1.7")]
+    {
         program.succeed(&format!("plot I.nc --out {name}"));
         let bytes = std::fs::read(program.path(name)).unwrap();
         assert!(bytes.starts_with(start.as_bytes()), "{name}");

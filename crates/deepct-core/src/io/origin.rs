@@ -9,7 +9,7 @@ use std::path::Path;
 const SIGNATURES: [(&str, &[u8]); 10] = [
     ("html", b"<!DOCTYPE html>\n<!-- deepct -->"),
     ("png", b"\x89PNG"),
-    ("svg", b"<!-- deepct -->"),
+    ("svg", b"<?xml version=\"1.0\"?>\n<!-- deepct -->"),
     // `deep` with the bits that mark a file as binary.
     ("pdf", b"%PDF-1.7\n%\xe4\xe5\xe5\xf0"),
     ("exr", b"\x76\x2f\x31\x01"),

@@ -9,14 +9,14 @@ use std::fmt::Write;
 /// The font of PNG and PDF, and similar ones for programs that lack it.
 const FONTS: &str = "DejaVu Sans, Bitstream Vera Sans, Verdana, sans-serif";
 
-/// The contents of an SVG file. The first line tells that deepct wrote it.
+/// The contents of an SVG file. The second line tells that deepct wrote it.
 ///
 /// # Errors
 /// None for figures of this module.
 pub(super) fn encode(figure: &Figure) -> Result<Vec<u8>> {
     let Figure { title, width, height, .. } = figure;
     let mut svg = format!(
-        "<!-- deepct -->\n<svg xmlns=\"http://www.w3.org/2000/svg\" \
+        "<?xml version=\"1.0\"?>\n<!-- deepct -->\n<svg xmlns=\"http://www.w3.org/2000/svg\" \
          xmlns:xlink=\"http://www.w3.org/1999/xlink\" width=\"{width}\" height=\"{height}\" \
          viewBox=\"0 0 {width} {height}\" font-family=\"{FONTS}\" stroke-linecap=\"round\">\n\
          <title>{}</title>\n<rect width=\"{width}\" height=\"{height}\" fill=\"#fff\"/>\n",
