@@ -143,7 +143,7 @@ def test_images_joined_by_xarray(files, tmp_path, command_line):
     joined["sun_zenith_deg"][1] += 10.0
     joined.to_netcdf(tmp_path / "two_suns.nc")
     line = refusal(command_line, "carve", tmp_path / "two_suns.nc", *carve)
-    assert "sun_zenith_deg: is 30 for one view and 40 for another; one value applies to all views" in line
+    assert "sun_zenith_deg: has the values 30 and 40; one value applies to all views" in line
 
 
 def test_angles_that_were_rounded(files, tmp_path, command_line):

@@ -1,8 +1,10 @@
 //! What is not known of the cameras: their gains, and the directions in which they point.
 
-use super::InversionSettings;
+use super::{Domain, InversionSettings, Models};
+use crate::error::Result;
+use crate::image::ViewStack;
 use glam::{DMat3, DVec3};
-use ndarray::{Array2, ArrayView2};
+use ndarray::{Array2, Array3, ArrayView2};
 use serde::{Deserialize, Serialize};
 
 /// The calibration of a camera, relative to that of the file of the images: a measured image is that
@@ -142,6 +144,38 @@ impl Seen<'_> {
             (at, f64::from(self.image[at]), f64::from(*error), self.is_bound[at])
         })
     }
+}
+
+/// Shift (pixels) of views for the derivative of their images.
+const SHIFT: f64 = 0.25;
+
+/// The change of the images of each band per row and per column by which all views are shifted, by
+/// central differences of the images of the expected fields.
+pub(super) fn slopes(models: &mut dyn Models, domain: &Domain) -> Result<Vec<[Array3<f32>; 2]>> {
+    let mut along = Vec::new();
+    for axis in 0..2 {
+        let before = shifted(models, domain, (axis, -SHIFT))?;
+        let after = shifted(models, domain, (axis, SHIFT))?;
+        let bands = before.into_iter().zip(after);
+        let slopes =
+            bands.map(|(before, after)| (after.values - before.values) / (2.0 * SHIFT) as f32);
+        along.push(slopes.collect::<Vec<_>>());
+    }
+    let (cols, rows) = (along.remove(1), along.remove(0));
+    Ok(rows.into_iter().zip(cols).map(|(rows, cols)| [rows, cols]).collect())
+}
+
+/// The images of the expected fields where all views are shifted along an axis. Corrections of the
+/// images are left out: they are nearly the same for all shifts.
+fn shifted(
+    models: &mut dyn Models,
+    domain: &Domain,
+    (axis, distance): (usize, f64),
+) -> Result<Vec<ViewStack>> {
+    let mut offsets = domain.offsets.to_vec();
+    offsets.iter_mut().flatten().for_each(|offset| offset[axis] += distance);
+    let domain = Domain { offsets: &offsets, near: false, ..*domain };
+    models.model(&domain)?.images(domain.expected)
 }
 
 #[cfg(test)]

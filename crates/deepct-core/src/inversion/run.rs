@@ -1,6 +1,7 @@
 //! The sequence of an inversion: stages on several grids, each with several iterations.
 
 use super::blocks::{coarsen, means, refine, shares};
+use super::calibration::slopes;
 use super::objective::Objective;
 use super::optimiser::{Function, Minimiser, MinimiserSettings, Step};
 use super::prior::Prior;
@@ -14,7 +15,6 @@ use super::{
 };
 use crate::error::{Error, Result};
 use crate::grid::{Grid, Mask, Volume};
-use crate::image::ViewStack;
 use crate::metrics;
 use crate::network::Estimate;
 use crate::rng::{Purpose, stream};
@@ -29,9 +29,6 @@ const PATIENCE: usize = 5;
 /// the model forgets the solution from which the next one would start, and the objective function is
 /// evaluated again, because the value found from another solution differs by more than a step gains.
 const KEPT: usize = 10;
-
-/// Shift (pixels) of views for the derivative of their images.
-const SHIFT: f64 = 0.25;
 
 /// Smallest uncertainty of a start (1/km), because voxels that a network estimates as clear may
 /// contain thin cloud.
@@ -364,7 +361,12 @@ impl<'a> Run<'a> {
             offsets: &offsets,
         };
         let slopes = match *near && self.settings.pointing_error > 0.0 {
-            true => slopes(models, &domain)?.into_iter().map(Some).collect(),
+            true => match slopes(models, &domain) {
+                Err(Error::Interrupted) => {
+                    return Ok((self.answer(level, &variables, &from)?, Ending::Interrupted));
+                }
+                slopes => slopes?.into_iter().map(Some).collect(),
+            },
             false => vec![None; self.bands.len()],
         };
         let measurements = self.measurements.iter().zip(&offsets).zip(slopes);
@@ -389,7 +391,7 @@ impl<'a> Run<'a> {
         };
         let (mut minimiser, mut iteration) = match begun {
             Err(Error::Interrupted) => {
-                return Ok((self.answer(level, &objective, &from)?, Ending::Interrupted));
+                return Ok((self.answer(level, &objective.variables, &from)?, Ending::Interrupted));
             }
             begun => begun?,
         };
@@ -419,24 +421,32 @@ impl<'a> Run<'a> {
         };
         let x = minimiser.point().x.clone();
         if ending != Ending::Interrupted {
-            self.calibrate(&mut objective, &x, &offsets)?;
-        }
-        if level.number + 1 == self.stages.len() && ending != Ending::Interrupted {
-            match self.spread(level, &mut objective, &measurements, &x) {
+            let done = self.calibrate(&mut objective, &x, &offsets).and_then(|()| {
+                match level.number + 1 == self.stages.len() {
+                    true => self.spread(level, &mut objective, &measurements, &x),
+                    false => Ok(()),
+                }
+            });
+            match done {
                 Err(Error::Interrupted) => ending = Ending::Interrupted,
                 done => done?,
             }
         }
-        Ok((self.answer(level, &objective, &x)?, ending))
+        Ok((self.answer(level, &objective.variables, &x)?, ending))
     }
 
-    /// Finds the calibrations at the solution `x` of a stage, whose model has these offsets.
+    /// Finds the calibrations, if they are unknown, at the solution `x` of a stage, whose model has these
+    /// offsets.
     fn calibrate(
         &mut self,
         objective: &mut Objective,
         x: &[f64],
         offsets: &[Vec<[f64; 2]>],
     ) -> Result<()> {
+        let InversionSettings { camera_gain_error, pointing_error, .. } = *self.settings;
+        if camera_gain_error == 0.0 && pointing_error == 0.0 {
+            return Ok(());
+        }
         self.calibrations = objective.calibrations(x)?;
         let cameras = self.calibrations.iter_mut().flatten();
         for (camera, [row, col]) in cameras.zip(offsets.iter().flatten()) {
@@ -478,7 +488,7 @@ impl<'a> Run<'a> {
                 }
                 values.push(minimiser.point().value);
             }
-            let found = self.answer(level, objective, &minimiser.point().x)?;
+            let found = self.answer(level, &objective.variables, &minimiser.point().x)?;
             let effective_radius = self.radius(&found)?;
             self.members.push(Fields { extinction: found.extinction, effective_radius });
             self.watch.has_members(self.members.len());
@@ -578,7 +588,8 @@ impl<'a> Run<'a> {
     ) -> Result<()> {
         let (mut relative_error, mut mass_error) = (None, None);
         if let Some(truth) = self.truth {
-            let estimate = self.answer(level, objective, &minimiser.point().x)?.extinction;
+            let estimate =
+                self.answer(level, &objective.variables, &minimiser.point().x)?.extinction;
             relative_error = Some(metrics::relative_error(truth, &estimate)?);
             mass_error = Some(metrics::mass_error(truth, &estimate)?);
         }
@@ -619,8 +630,8 @@ impl<'a> Run<'a> {
     }
 
     /// The unknowns at `x` on the grid of the solution, with an extinction of 0 outside the mask.
-    fn answer(&self, level: &Level, objective: &Objective, x: &[f64]) -> Result<Unknowns> {
-        let mut unknowns = objective.variables.unknowns(x)?;
+    fn answer(&self, level: &Level, variables: &Variables, x: &[f64]) -> Result<Unknowns> {
+        let mut unknowns = variables.unknowns(x)?;
         for volume in [&mut unknowns.extinction, &mut unknowns.deviations] {
             if level.block > 1 {
                 *volume = refine(volume, &level.shares, &self.mask.grid)?;
@@ -645,35 +656,6 @@ fn stages(start: &Start, corrected: bool, settings: &InversionSettings) -> Vec<S
     let first = (corrected && !matches!(start, Start::Estimate(_))).then_some(1);
     let far = coarse.iter().copied().chain(first).map(|block| Stage { block, near: false });
     far.chain(std::iter::repeat_n(near, corrections)).collect()
-}
-
-/// The change of the images of each band per row and per column by which all views are shifted, by
-/// central differences of the images of the expected fields.
-fn slopes(models: &mut dyn Models, domain: &Domain) -> Result<Vec<[Array3<f32>; 2]>> {
-    let mut along = Vec::new();
-    for axis in 0..2 {
-        let before = shifted(models, domain, (axis, -SHIFT))?;
-        let after = shifted(models, domain, (axis, SHIFT))?;
-        let bands = before.into_iter().zip(after);
-        let slopes =
-            bands.map(|(before, after)| (after.values - before.values) / (2.0 * SHIFT) as f32);
-        along.push(slopes.collect::<Vec<_>>());
-    }
-    let (cols, rows) = (along.remove(1), along.remove(0));
-    Ok(rows.into_iter().zip(cols).map(|(rows, cols)| [rows, cols]).collect())
-}
-
-/// The images of the expected fields where all views are shifted along an axis. Corrections of the
-/// images are left out: they are nearly the same for all shifts.
-fn shifted(
-    models: &mut dyn Models,
-    domain: &Domain,
-    (axis, distance): (usize, f64),
-) -> Result<Vec<ViewStack>> {
-    let mut offsets = domain.offsets.to_vec();
-    offsets.iter_mut().flatten().for_each(|offset| offset[axis] += distance);
-    let domain = Domain { offsets: &offsets, near: false, ..*domain };
-    models.model(&domain)?.images(domain.expected)
 }
 
 fn minimiser_settings(settings: &InversionSettings) -> MinimiserSettings {

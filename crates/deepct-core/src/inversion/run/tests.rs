@@ -551,6 +551,64 @@ fn an_inversion_continues_where_the_model_begins_anew() {
     assert_eq!((found.ending, last.iteration), (Ending::Iterations, 2 * KEPT + 5));
 }
 
+/// A model that is told to stop at one of its evaluations.
+struct Stopping<'a> {
+    model: OnGrid<'a>,
+    left: &'a Cell<usize>,
+}
+
+struct Stoppable {
+    model: Absorption,
+    left: Cell<usize>,
+}
+
+impl Models for Stoppable {
+    fn model(&mut self, domain: &Domain) -> Result<Box<dyn ForwardModel + '_>> {
+        Ok(Box::new(Stopping { model: self.model.on(domain.mask.grid), left: &self.left }))
+    }
+}
+
+impl ForwardModel for Stopping<'_> {
+    fn images(&mut self, fields: &Fields) -> Result<Vec<ViewStack>> {
+        let Some(left) = self.left.get().checked_sub(1) else { return Err(Error::Interrupted) };
+        self.left.set(left);
+        self.model.images(fields)
+    }
+
+    fn derivatives(&mut self, weights: &[ViewStack]) -> Result<Derivatives> {
+        self.model.derivatives(weights)
+    }
+}
+
+/// Wherever an inversion is stopped, also between its stages and in its members, it gives the result so far.
+#[test]
+fn an_inversion_that_is_stopped_anywhere_has_a_result() {
+    let (truth, observation, models) = observe();
+    let mut models = Stoppable { model: models, left: Cell::new(usize::MAX) };
+    let mask = mask(&truth);
+    let problem = Problem { bands: from_ref(&observation), mask: &mask, truth: None };
+    let settings = InversionSettings {
+        iterations: 2,
+        coarse_iterations: 2,
+        pointing_error: 0.1,
+        camera_gain_error: 0.01,
+        members: 2,
+        ..settings()
+    };
+    let mut solve =
+        || invert(&problem, &mut models, &Start::Constant(1.0), &settings, &()).unwrap();
+    assert!(solve().standard_errors.is_some());
+    let evaluations = usize::MAX - models.left.get();
+    assert!(evaluations > 15, "{evaluations}");
+    for stopped_after in 0..evaluations {
+        models.left.set(stopped_after);
+        let start = Start::Constant(1.0);
+        let found = invert(&problem, &mut models, &start, &settings, &()).unwrap();
+        assert_eq!(found.ending, Ending::Interrupted, "{stopped_after} of {evaluations}");
+        assert!(found.standard_errors.is_none());
+    }
+}
+
 /// A rough start is not smoothed if the images contain almost no information.
 #[test]
 fn a_start_is_what_the_prior_expects() {

@@ -248,7 +248,7 @@ impl Input {
         match values.iter().find(|value| value.to_bits() != values[0].to_bits()) {
             None => Ok(values[0]),
             Some(other) => {
-                let problem = format!("is {} for one view and {other} for another", values[0]);
+                let problem = format!("has the values {} and {other}", values[0]);
                 let remedy = "one value applies to all views: write their mean if they hardly differ, or \
                               use the images with the same one";
                 Err(variable.error(problem, remedy))
