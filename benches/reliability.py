@@ -116,7 +116,7 @@ def results(place: Path) -> dict[str, object]:
 
     if place.is_file():
         with h5py.File(place) as file:
-            return {place.name: file["extinction"][...].tobytes()}
+            return {"extinction": file["extinction"][...].tobytes()}
     found: dict[str, object] = {}
     for path in sorted(place.rglob("*")):
         name = str(path.relative_to(place))

@@ -6,6 +6,7 @@ use crate::global::Global;
 use crate::outcome::Outcome;
 use crate::progress::{InversionProgress, stopped};
 use crate::summary::{self, Form};
+use deepct_core::dataset::Share;
 use deepct_core::experiment::{self, Experiment, ExperimentSettings, Method};
 use deepct_core::inversion::{Checkpoint, Record, Watch};
 use deepct_core::{Error, Result};
@@ -25,6 +26,10 @@ pub(crate) struct Args {
     /// Folder for the results and the report
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
+    /// Compute the results of one of several shares of the clouds only, such as 3/8, each in a separate
+    /// process; a final call without this option writes the report
+    #[arg(long, value_name = "NUMBER/OF")]
+    share: Option<Share>,
     #[command(flatten)]
     form: Form,
 }
@@ -34,13 +39,15 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let settings: ExperimentSettings = settings.resolve(defaults::EXPERIMENT)?;
     settings.check().map_err(Error::in_file(&args.config))?;
     let watch = ExperimentProgress { global, settings: &settings, inversion: RefCell::default() };
-    let Experiment { outcomes, made, interrupted } = experiment::run(&settings, &args.out, &watch)?;
+    let Experiment { outcomes, made, interrupted } =
+        experiment::run(&settings, &args.out, args.share, &watch)?;
     drop(watch);
     if interrupted {
         note!("deepct: stopped early; repeat the command to continue");
         return Ok(Outcome::Interrupted);
     }
-    args.form.print(&Summary { outcomes, made, report: args.out.join("report.md") }, global);
+    let report = args.share.is_none().then(|| args.out.join("report.md"));
+    args.form.print(&Summary { outcomes, made, report }, global);
     Ok(Outcome::Success)
 }
 
@@ -50,13 +57,16 @@ struct Summary {
     outcomes: Vec<experiment::Outcome>,
     /// Number of results that this run computed.
     made: usize,
-    report: PathBuf,
+    /// The report, unless other shares are missing.
+    report: Option<PathBuf>,
 }
 
 impl summary::Summary for Summary {
     fn say(&self) {
         say!("{} results, {} of them made now", self.outcomes.len(), self.made);
-        say!("report: {}", self.report.display());
+        if let Some(report) = &self.report {
+            say!("report: {}", report.display());
+        }
     }
 }
 

@@ -1,18 +1,22 @@
-"""The command line: ``weights_tools VERB``, with the verbs ``generate``, ``train``, ``scenes``,
-``pack``, ``adapt``, ``calibrate``, ``baselines``, ``export`` and ``check``."""
+"""The command line: ``weights_tools VERB``, with the verbs ``generate``, ``distribute``, ``train``,
+``scenes``, ``pack``, ``adapt``, ``calibrate``, ``baselines``, ``export`` and ``check``."""
 
 from __future__ import annotations
 
 import argparse
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import weights_tools
 from weights_tools.errors import InputError
+
+if TYPE_CHECKING:
+    from weights_tools.cluster import Program
 
 # The modules of each command are imported when it runs, as a machine for training may not have the
 # packages that the other commands require.
@@ -43,17 +47,23 @@ def _parser() -> argparse.ArgumentParser:
         "--simulations", type=Path, default=Path(), help="folder (default: current folder)"
     )
     make.add_argument("--out", type=Path, required=True, help="folder of the dataset")
-    make.add_argument(
-        "--cluster", metavar="ADDRESS", help="dask scheduler (default: a local cluster)"
-    )
-    make.add_argument(
-        "--workers", type=_count, help="workers of the local cluster (default: all cores)"
-    )
-    make.add_argument(
-        "--shares", type=_count, help="parts of the dataset (default: four for each thread)"
-    )
-    make.add_argument("--deepct", default="deepct", help="the program (default: on the PATH)")
+    make.add_argument("--shares", type=_count, help=_SHARES)
+    _add_cluster(make)
     make.set_defaults(run=_generate)
+
+    spread = verbs.add_parser(
+        "distribute",
+        help="run any command of deepct on a dask cluster",
+        usage="weights_tools distribute [options] -- VERB ...",
+        description="Run `deepct VERB ...` in shares, which `experiment` and `dataset generate` have, "
+        "and then as a whole; or, with --files, once for each file as its only input.",
+    )
+    spread.add_argument("--shares", type=_count, help=_SHARES)
+    spread.add_argument("--files", type=Path, nargs="+", help="files, each the input of a task")
+    spread.add_argument("--out-dir", type=Path, help="folder of a file of the same name for each")
+    _add_cluster(spread)
+    spread.add_argument("words", nargs="+", metavar="VERB ...", help="command of deepct")
+    spread.set_defaults(run=_distribute)
 
     train = verbs.add_parser("train", help="train a network, or resume an interrupted training")
     train.add_argument("recipe", type=Path, help="TOML file, see recipes/")
@@ -219,15 +229,50 @@ def _count(text: str) -> int:
     return value
 
 
-def _generate(options: argparse.Namespace) -> int:
+_SHARES = "number of parts (default: four for each thread)"
+
+
+def _add_cluster(verb: argparse.ArgumentParser) -> None:
+    verb.add_argument(
+        "--cluster", metavar="ADDRESS", help="dask scheduler (default: a local cluster)"
+    )
+    verb.add_argument(
+        "--workers", type=_count, help="workers of the local cluster (default: all cores)"
+    )
+    verb.add_argument("--deepct", default="deepct", help="the program (default: on the PATH)")
+
+
+@contextmanager
+def _program(options: argparse.Namespace) -> Iterator[Program]:
+    """The program on the cluster that the options name."""
     try:
-        from weights_tools.generate import Order, cluster, generate
+        from weights_tools.cluster import Program, cluster
     except ModuleNotFoundError as problem:
         remedy = "install it with `pip install distributed`"
-        raise InputError("generate", f"{problem.name} is missing", remedy) from None
-    order = Order(options.recipe, options.simulations, options.out, options.deepct)
+        raise InputError("cluster", f"{problem.name} is missing", remedy) from None
     with cluster(options.cluster, options.workers) as client:
-        generate(order, client, options.shares, lambda line: print(line, flush=True))
+        yield Program(client, partial(print, flush=True), options.deepct)
+
+
+def _generate(options: argparse.Namespace) -> int:
+    with _program(options) as program:
+        from weights_tools.generate import Order, generate
+
+        order = Order(options.recipe, options.simulations, options.out)
+        generate(order, program, options.shares)
+    return 0
+
+
+def _distribute(options: argparse.Namespace) -> int:
+    if (options.files is None) != (options.out_dir is None):
+        raise InputError("distribute", "needs --files and --out-dir together", "give both")
+    if options.files and options.shares:
+        raise InputError("--shares", "is for commands without --files", "leave it out")
+    with _program(options) as program:
+        if options.files:
+            program.for_files(options.words, options.files, options.out_dir)
+        else:
+            print(program.in_shares(options.words, options.shares), end="")
     return 0
 
 

@@ -11,7 +11,7 @@ of others:
   cloud nevertheless has to explain. A network of one formation needs all views as its input.
 - *Rehearsal.* Synthetic clouds of many sizes and thicknesses, in the views and the light of the
   scenes, are estimated as before: the difference from the first estimates is part of the loss.
-  And a tenth of the change of the parameters is undone in the end.
+  And three tenths of the change of the parameters are undone in the end.
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ class Settings:
     squares."""
     synthetic: int = 24
     """Number of synthetic clouds."""
-    kept: float = 0.9
+    kept: float = 0.7
     """Share of the change of the parameters that is written: the last part of it does more harm to
     other clouds than good to these (Wortsman et al. 2022, "Robust fine-tuning")."""
     steps: int = 10

@@ -158,8 +158,14 @@ fn an_experiment_is_run_once_and_reported() {
         read_volume(program.path(&format!("E/volumes/generated-1-{method}.nc"))).unwrap();
     }
     assert!(program.path("E/figures/errors.png").exists());
+    // Shares have the clouds in turns, and no report.
+    for (share, made) in [("1/2", 4), ("2/2", 0)] {
+        let said = program.succeed(&format!("experiment E.toml --out F --share {share}"));
+        assert!(said.ends_with(&format!("{made} results, {made} of them made now\n")), "{said}");
+        assert!(!program.path("F/report.md").exists());
+    }
     program.refuse("experiment E.toml --set seed=2 --out E", &["experiment.toml", "settings"]);
-    program.refuse("experiment E.toml --set generated=0 --out F", &["E.toml", "clouds"]);
+    program.refuse("experiment E.toml --set generated=0 --out G", &["E.toml", "clouds"]);
 }
 
 /// A row of clouds that is longer than a tile: the hybrid comes nearer to the truth than the network, also

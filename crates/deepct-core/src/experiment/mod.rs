@@ -233,7 +233,7 @@ impl Watch for () {}
 /// The result of an experiment.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Experiment {
-    /// All results, ordered by cloud and then by method.
+    /// All results, or those of the share, ordered by cloud and then by method.
     pub outcomes: Vec<Outcome>,
     /// Number of newly computed results; the others are from previous runs.
     pub made: usize,

@@ -3,6 +3,7 @@
 use super::case::{Case, cases, check_files};
 use super::{Experiment, ExperimentSettings, Method, Outcome, Watch, report};
 use crate::carve::carve;
+use crate::dataset::Share;
 use crate::error::{Error, Result};
 use crate::files;
 use crate::grid::{Mask, Volume};
@@ -20,12 +21,18 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 /// Run the experiment of `settings` in `folder`. Results that exist in the folder are not computed
-/// again, so that an interrupted run can be resumed.
+/// again, so that an interrupted run can be resumed. With a share, only the results of its clouds are
+/// computed, at the same time as other processes compute theirs, and there is no report.
 ///
 /// # Errors
 /// Returns an error if the folder contains an experiment with other settings, if settings are out
 /// of range, or if clouds, weights or results cannot be read or written.
-pub fn run(settings: &ExperimentSettings, folder: &Path, watch: &dyn Watch) -> Result<Experiment> {
+pub fn run(
+    settings: &ExperimentSettings,
+    folder: &Path,
+    share: Option<Share>,
+    watch: &dyn Watch,
+) -> Result<Experiment> {
     settings.check()?;
     settings.sensor()?;
     let network = Estimator::new(io::load_trained_weights(&settings.weights)?);
@@ -34,8 +41,9 @@ pub fn run(settings: &ExperimentSettings, folder: &Path, watch: &dyn Watch) -> R
     let runner = MethodRunner { settings, folder, network };
     runner.claim(&cases)?;
     let mut experiment = Experiment { outcomes: Vec::new(), made: 0, interrupted: false };
+    let cases: Vec<&Case> = share.unwrap_or_default().part(cases.iter()).collect();
     let total = cases.len() * settings.methods.len();
-    for case in &cases {
+    for case in cases {
         let mut work = None;
         for &method in &settings.methods {
             watch.begins(&case.name, method, experiment.outcomes.len() + 1, total);
@@ -56,7 +64,9 @@ pub fn run(settings: &ExperimentSettings, folder: &Path, watch: &dyn Watch) -> R
             experiment.made += 1;
         }
     }
-    report::write(folder, settings, &experiment.outcomes)?;
+    if share.is_none() {
+        report::write(folder, settings, &experiment.outcomes)?;
+    }
     Ok(experiment)
 }
 
