@@ -5,6 +5,7 @@ use crate::outcome::Outcome;
 use crate::photograph::photograph;
 use deepct_core::grid::Volume;
 use deepct_core::io::{Drawing, Field, read_drawing, read_extinction};
+use deepct_core::math::DVec3;
 use deepct_core::plot::{
     Figure, Format, VolumeFields, contact_sheet, photograph_figure, volume_figure,
 };
@@ -28,6 +29,16 @@ pub(crate) struct Args {
     /// the discrete-ordinates solver, with the shadow on the surface
     #[arg(long)]
     photograph: bool,
+    /// The point through which the slices are taken (km); by default each is the one with the most
+    /// extinction
+    #[arg(
+        long,
+        value_name = "X,Y,Z",
+        value_parser = point,
+        allow_hyphen_values = true,
+        conflicts_with = "photograph"
+    )]
+    through: Option<DVec3>,
     /// Title of the figure; by default the name of the file
     #[arg(long, value_name = "TEXT")]
     title: Option<String>,
@@ -43,8 +54,8 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let light = light.unwrap_or_default();
     let figure = match content {
         Drawing::Field(field) => args.field_figure(&field, &light, global),
-        Drawing::Images(_) if args.truth.is_some() || args.photograph => {
-            let remedy = "omit --truth and --photograph, or give a volume";
+        Drawing::Images(_) if args.truth.is_some() || args.photograph || args.through.is_some() => {
+            let remedy = "omit --truth, --photograph and --through, or give a volume";
             let problem = "are images, which are drawn as they are";
             Err(Error::file(&args.file, "radiance", problem, remedy))
         }
@@ -58,6 +69,13 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
     }?;
     figure.write(&args.out)?;
     Ok(Outcome::Success)
+}
+
+/// A point from its coordinates with commas.
+fn point(text: &str) -> std::result::Result<DVec3, String> {
+    let numbers: std::result::Result<Vec<f64>, _> = text.split(',').map(str::parse).collect();
+    let point = numbers.ok().and_then(|numbers| <[f64; 3]>::try_from(numbers).ok());
+    point.map(DVec3::from_array).ok_or("give three numbers with commas, such as 0.8,0.8,1.0".into())
 }
 
 impl Args {
@@ -81,6 +99,7 @@ impl Args {
             truth: truth.as_ref(),
             uncertainty: field.estimate.as_ref().and_then(|one| one.uncertainty.as_ref()),
             mask: field.mask.as_ref(),
+            through: self.through,
         };
         volume_figure(&fields, &self.title()).map_err(Error::in_file(&self.file))
     }

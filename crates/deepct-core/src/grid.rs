@@ -132,6 +132,23 @@ impl Grid {
         self.origin + self.spacing * (DVec3::new(i as f64, j as f64, k as f64) + 0.5)
     }
 
+    /// The indices `[k, j, i]` of the voxel that contains a point (km); a point on the upper side of the
+    /// grid is in the last one.
+    ///
+    /// # Errors
+    /// A point outside the grid.
+    pub fn voxel(&self, point: DVec3) -> Result<[usize; 3]> {
+        let (lower, upper) = (self.lower(), self.upper());
+        if !(point.cmpge(lower).all() && point.cmple(upper).all()) {
+            let range = format!("in the grid, from {lower} to {upper} km");
+            return Err(Error::out_of_range("point (x, y, z)", format!("{point} km"), range));
+        }
+        let at = (point - lower) / self.spacing;
+        let [levels, rows, cols] = self.shape;
+        let index = |place: f64, count: usize| (place as usize).min(count - 1);
+        Ok([index(at.z, levels), index(at.y, rows), index(at.x, cols)])
+    }
+
     /// Number of voxels.
     pub fn len(&self) -> usize {
         self.shape.iter().product()

@@ -11,6 +11,7 @@ use crate::observation::{Given, Observation, observation};
 use crate::record::{Record, record};
 use deepct_core::grid::{Mask, Volume};
 use deepct_core::io::{Drawing, Field};
+use deepct_core::math::DVec3;
 use deepct_core::network::Estimate;
 use deepct_core::plot as figures;
 use deepct_core::plot::{Format, VolumeFields, contact_sheet, volume_figure};
@@ -111,6 +112,9 @@ impl Figure {
 ///     of a cloud that is given by its droplets is the one in the light of the volume, if it is known.
 /// grid : Grid, object or path, optional
 ///     The grid of an array.
+/// through : (x, y, z), optional
+///     The point through which the slices are taken (km). Default: each is the one with the most
+///     extinction.
 /// title : str, optional
 ///     Title of the figure. Default: the name of the file.
 /// out : str or path, optional
@@ -130,11 +134,14 @@ impl Figure {
 /// >>> figure.png[1:4]
 /// b'PNG'
 #[pyfunction]
-#[pyo3(signature = (what, truth = None, *, grid = None, title = None, out = None, overwrite = false))]
+#[pyo3(signature = (
+    what, truth = None, *, grid = None, through = None, title = None, out = None, overwrite = false
+))]
 pub(crate) fn plot(
     what: &Bound<'_, PyAny>,
     truth: Option<&Bound<'_, PyAny>>,
     grid: Option<Grid>,
+    through: Option<[f64; 3]>,
     title: Option<String>,
     out: Option<PathBuf>,
     overwrite: bool,
@@ -148,6 +155,11 @@ pub(crate) fn plot(
     let title = title.unwrap_or_else(|| subject.name().to_owned());
     let truth = truth.map(|truth| subject.truth(truth)).transpose()?;
     let drawn = match &subject.content {
+        Drawing::Images(_) if through.is_some() => {
+            return Err(PyTypeError::new_err(
+                "images have no slices; omit through, or give a volume",
+            ));
+        }
         Drawing::Images(images) => {
             let (geometry, wavelength) = (images.geometry(), images.light.wavelength);
             py.detach(|| contact_sheet(&images.images, &geometry, wavelength, &[], &title))
@@ -159,6 +171,7 @@ pub(crate) fn plot(
                 truth: truth.as_ref(),
                 uncertainty: estimate.and_then(|estimate| estimate.uncertainty.as_ref()),
                 mask: field.mask.as_ref(),
+                through: through.map(DVec3::from_array),
             };
             py.detach(|| volume_figure(&fields, &title))
         }

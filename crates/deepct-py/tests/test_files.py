@@ -252,6 +252,15 @@ def test_a_figure_is_that_of_the_command_line(results, tmp_path, command_line):
         figure.save(tmp_path / "figure.eps")
     with pytest.raises(TypeError, match="cannot be compared"):
         deepct_py.plot(results["images"], results["cloud"])
+    middle = tuple(results["cloud"].grid.center)
+    command_line("plot", tmp_path / "cloud.nc", "--through", ",".join(map(str, middle)),
+                 "--title", "Cloud", "--out", tmp_path / "through.png")
+    through = deepct_py.plot(results["cloud"], through=middle, title="Cloud")
+    assert (tmp_path / "through.png").read_bytes() == through.png
+    with pytest.raises(TypeError, match="no slices"):
+        deepct_py.plot(results["images"], through=middle)
+    with pytest.raises(ValueError, match="in the grid"):
+        deepct_py.plot(results["cloud"], through=(0.0, 0.0, 99.0))
 
 
 def test_an_incomplete_file_has_a_warning(results, tmp_path):

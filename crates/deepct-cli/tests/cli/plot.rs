@@ -37,6 +37,7 @@ fn volumes_and_images_become_pictures() {
     let program = Program::new();
     scene(&program);
     program.succeed("plot V.nc --out alone.png");
+    program.succeed("plot V.nc --through 0.1,0.1,0.1 --out through.png");
     program.succeed("plot V.nc --truth V.nc --title Twins --out pair.png");
     program.succeed("plot I.nc --out sheet.png");
     let (alone, pair) = (size(&program, "alone.png"), size(&program, "pair.png"));
@@ -69,6 +70,11 @@ fn wrong_input_is_refused() {
     program.refuse("plot I.nc --truth V.nc --out a.png", &["I.nc", "--truth"]);
     program.refuse("plot V.nc --out nowhere/a.png", &["nowhere"]);
     program.refuse("plot M.nc --photograph --out a.png", &["M.nc", "extinction"]);
+    program.refuse(
+        "plot V.nc --through 0.1,0.1,-7 --out a.png",
+        &["V.nc", "(x, y, z)", "in the grid"],
+    );
+    program.refuse("plot I.nc --through 0,0,0 --out a.png", &["I.nc", "--through"]);
     program.refuse("plot I.nc --photograph --out a.png", &["I.nc", "--photograph"]);
 }
 

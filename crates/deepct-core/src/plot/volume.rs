@@ -7,6 +7,7 @@ use super::scatter::{check_pair, draw_scatter};
 use super::shade::draw_solid;
 use crate::error::{Error, Result};
 use crate::grid::{Grid, Mask, Volume};
+use crate::math::DVec3;
 use ndarray::{Array2, Array3, ArrayView2, Axis};
 
 /// Space to the left of a panel for its tick labels and axis label (pixels).
@@ -41,14 +42,29 @@ pub struct VolumeFields<'a> {
     pub uncertainty: Option<&'a Volume>,
     /// The voxels that may contain cloud.
     pub mask: Option<&'a Mask>,
+    /// The point through which the slices are taken (km); by default each is the one with the most
+    /// extinction.
+    pub through: Option<DVec3>,
 }
 
-/// Draw fields: along each axis the slice with the most extinction, and the optical depth. If the truth is given, it is beside the estimate with the same colour scale, followed by the
-/// difference; the last row then has volume renderings and a scatter plot.
+impl VolumeFields<'_> {
+    /// The voxel `[k, j, i]` on the slices with the most extinction or, without one, of the mask.
+    fn fullest(&self) -> [usize; 3] {
+        match (self.truth.or(self.extinction), self.mask) {
+            (Some(volume), _) => fullest(&volume.values),
+            (None, Some(mask)) => fullest(&mask.values.mapv(|inside| f32::from(u8::from(inside)))),
+            (None, None) => [0; 3],
+        }
+    }
+}
+
+/// Draw fields: a slice along each axis, and the optical depth. If the truth is given, it is beside the
+/// estimate with the same colour scale, followed by the difference; the last row then has volume
+/// renderings and a scatter plot.
 ///
 /// # Errors
 /// Returns an error if the fields are on different grids, if there is neither an extinction nor a
-/// mask, or if values are negative or not finite.
+/// mask, if values are negative or not finite, or if the point of the slices is outside the grid.
 pub fn volume_figure(fields: &VolumeFields<'_>, title: &str) -> Result<Figure> {
     let layout = Layout::new(*fields)?;
     let mut figure = Figure::new(title, layout.size())?;
@@ -114,6 +130,8 @@ struct Group {
 struct Layout<'a> {
     fields: VolumeFields<'a>,
     grid: Grid,
+    /// The voxel `[k, j, i]` through which the slices are taken.
+    through: [usize; 3],
     /// Groups side by side, in a row for each section; blocks are below each other.
     blocks: Vec<Vec<Group>>,
     /// Size of the panel of each section in the figure (pixels).
@@ -123,7 +141,7 @@ struct Layout<'a> {
 
 impl<'a> Layout<'a> {
     fn new(fields: VolumeFields<'a>) -> Result<Self> {
-        let VolumeFields { extinction, truth, uncertainty, mask } = fields;
+        let VolumeFields { extinction, truth, uncertainty, mask, through } = fields;
         let Some(grid) = extinction.map(|volume| volume.grid).or(mask.map(|mask| mask.grid)) else {
             return Err(Error::out_of_range(
                 "fields of a figure",
@@ -140,6 +158,7 @@ impl<'a> Layout<'a> {
         if let Some(truth) = truth {
             check_pair(truth, extinction.unwrap_or(&Volume { grid, ..truth.clone() }))?;
         }
+        let through = through.map_or_else(|| Ok(fields.fullest()), |point| grid.voxel(point))?;
         let extent = grid.extent();
         let scale = LONGEST / extent.x.max(extent.y);
         let pixels = |length: f64| ((length * scale).round() as i32).max(LEAST_HEIGHT);
@@ -147,8 +166,8 @@ impl<'a> Layout<'a> {
         let volumes = [truth, extinction].into_iter().flatten();
         let values = volumes.flat_map(|volume| &volume.values).map(|&value| f64::from(value));
         let scale = ColourScale::new(colorous::VIRIDIS, robust_limit(values));
-        let mut layout =
-            Self { fields, grid, blocks: Vec::new(), sizes: [[x, y], [x, z], [y, z]], scale };
+        let sizes = [[x, y], [x, z], [y, z]];
+        let mut layout = Self { fields, grid, through, blocks: Vec::new(), sizes, scale };
         layout.blocks = layout.blocks();
         Ok(layout)
     }
@@ -161,7 +180,7 @@ impl<'a> Layout<'a> {
     }
 
     fn blocks(&self) -> Vec<Vec<Group>> {
-        let center = self.grid.voxel_center(self.through());
+        let center = self.grid.voxel_center(self.through);
         let at = SECTIONS.map(|section| {
             let place = match section {
                 Section::Map => center.z,
@@ -238,19 +257,9 @@ impl<'a> Layout<'a> {
         group.into_iter().chain(difference).collect()
     }
 
-    /// The voxel `[k, j, i]` through which the slices are taken.
-    fn through(&self) -> [usize; 3] {
-        match (self.fields.truth.or(self.fields.extinction), self.fields.mask) {
-            (Some(volume), _) => fullest(&volume.values),
-            (None, Some(mask)) => fullest(&mask.values.mapv(|inside| f32::from(u8::from(inside)))),
-            (None, None) => [0; 3],
-        }
-    }
-
     fn slices(&self, values: &Array3<f32>) -> [Array2<f64>; 3] {
-        let through = self.through();
         std::array::from_fn(|number| {
-            values.index_axis(SECTIONS[number].axis(), through[number]).mapv(f64::from)
+            values.index_axis(SECTIONS[number].axis(), self.through[number]).mapv(f64::from)
         })
     }
 
@@ -380,7 +389,6 @@ fn optical_depth(extinction: &Array3<f32>, grid: &Grid, section: Section) -> Arr
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::math::DVec3;
 
     fn volume() -> Volume {
         let grid = Grid::new(DVec3::ZERO, DVec3::new(0.1, 0.2, 0.5), [2, 3, 4]).unwrap();
@@ -401,6 +409,23 @@ mod tests {
         assert_eq!(fullest(&volume.values), [1, 1, 2]);
         volume.values.fill(0.0);
         assert_eq!(fullest(&volume.values), [1, 1, 2]);
+    }
+
+    #[test]
+    fn slices_are_those_through_a_point() {
+        let volume = volume();
+        let through = |point| {
+            let fields = VolumeFields { extinction: Some(&volume), ..Default::default() };
+            let layout = Layout::new(VolumeFields { through: Some(point), ..fields })?;
+            let [(_, slices)] = &layout.blocks[0][0].columns[..] else { panic!() };
+            Ok::<_, Error>((layout.through, slices[0][[2, 0]], slices[2][[1, 2]]))
+        };
+        // The voxel with the extinction 7 is in the slices x = 0.05 and z = 0.75 km.
+        assert_eq!(through(DVec3::new(0.01, 0.3, 0.6)).unwrap(), ([1, 1, 0], 7.0, 7.0));
+        assert_eq!(through(DVec3::new(0.4, 0.6, 0.0)).unwrap(), ([0, 2, 3], 1.0, 0.0));
+        for point in [DVec3::new(0.41, 0.3, 0.6), DVec3::new(0.1, 0.3, f64::NAN)] {
+            assert!(through(point).unwrap_err().to_string().contains("in the grid"));
+        }
     }
 
     #[test]

@@ -803,6 +803,7 @@ def plot(
     truth: Union[_Extinction, _Path, None] = None,
     *,
     grid: Optional[_Grid] = None,
+    through: Optional[_Point] = None,
     title: Optional[str] = None,
     out: Optional[_Path] = None,
     overwrite: bool = False,
