@@ -84,7 +84,10 @@ def test_wrong_combinations_are_refused(tmp_path: Path, capsys: pytest.CaptureFi
         (["--files", "a.nc"], "needs --files and --out-dir together"),
         (["--files", "a.nc", "--out-dir", "o", "--shares", "2"], "--shares"),
         (["--files", "a.nc", "b/a.nc", "--out-dir", str(tmp_path / "o")], "two files of one name"),
-        (["--deepct", "/nowhere/deepct", "--shares", "1"], "/nowhere/deepct"),
+        (["--files", "a.nc", "--out-dir", str(tmp_path / "o")], "/nowhere/deepct"),
+        ([], "`infer` has no shares"),
     ]:
-        assert main(["distribute", "--workers", "1", *flags, "--", "infer"]) == 2
-        assert said in capsys.readouterr().err
+        flags = ["--workers", "1", "--deepct", "/nowhere/deepct", *flags]
+        assert main(["distribute", *flags, "--", "infer"]) == 2
+        told = capsys.readouterr()
+        assert said in told.err + told.out

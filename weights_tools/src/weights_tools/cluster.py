@@ -29,6 +29,9 @@ RETRIES = 2
 SHARES_PER_THREAD = 4
 """Number of shares per thread of the cluster, so that all threads end at about the same time."""
 
+SHARED = ("dataset", "experiment")
+"""The commands that have shares."""
+
 Report = Callable[[str], None]
 """Is called with each line of text about the progress."""
 
@@ -90,8 +93,12 @@ class Program:
         ``None`` stands for :data:`SHARES_PER_THREAD` shares per thread of the cluster. A share that fails
         is repeated up to :data:`RETRIES` times.
 
-        Raises :class:`InputError` with the message of the program if a share fails repeatedly.
+        Raises :class:`InputError` for another command, and with the message of the program if a share
+        fails repeatedly.
         """
+        if words[0] not in SHARED:
+            problem = f"`{words[0]}` has no shares, which {' and '.join(SHARED)} have"
+            raise InputError("distribute", problem, "give its files with --files and --out-dir")
         shares = shares or SHARES_PER_THREAD * max(1, sum(self.client.nthreads().values()))
         each = [[*words, "--share", f"{number}/{shares}"] for number in range(1, shares + 1)]
         start = time.monotonic()
