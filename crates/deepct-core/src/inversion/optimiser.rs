@@ -146,6 +146,22 @@ impl Minimiser {
         Self { point, pairs: pairs.into(), bounds, settings, values }
     }
 
+    /// Stores another number of steps from now on.
+    pub fn with_memory(self, memory: usize) -> Self {
+        let settings = MinimiserSettings { memory, ..self.settings };
+        Self { settings, ..self }
+    }
+
+    /// Begins again at `x`, within the bounds, with the stored steps: for a function with nearly the same
+    /// second derivatives.
+    ///
+    /// # Errors
+    /// The errors of the function.
+    pub fn restart(&mut self, function: &mut dyn Function, x: &[f64]) -> Result<()> {
+        self.point.x = x.to_vec();
+        self.refresh(function)
+    }
+
     /// Evaluates the function again at the current point, after it has changed.
     ///
     /// # Errors

@@ -24,6 +24,12 @@ use std::time::Instant;
 
 /// Number of iterations to which [`InversionSettings::change`] applies.
 const PATIENCE: usize = 5;
+/// Maximum number of steps of a member, and the number of them that are stored. Where the images tell
+/// little, the last steps change the objective function hardly, but the member much.
+const MEMBER_STEPS: usize = 40;
+const MEMBER_MEMORY: usize = 100;
+/// Share of the relative change at which an inversion has stalled, at which a member has.
+const MEMBER_CHANGE: f64 = 0.01;
 
 /// Number of iterations between two states from which an inversion can be resumed. At each of them,
 /// the model forgets the solution from which the next one would start, and the objective function is
@@ -423,7 +429,7 @@ impl<'a> Run<'a> {
         if ending != Ending::Interrupted {
             let done = self.calibrate(&mut objective, &x, &offsets).and_then(|()| {
                 match level.number + 1 == self.stages.len() {
-                    true => self.spread(level, &mut objective, &measurements, &x),
+                    true => self.spread(level, &mut objective, &measurements, &minimiser),
                     false => Ok(()),
                 }
             });
@@ -462,24 +468,27 @@ impl<'a> Run<'a> {
         bands.map(|cameras| cameras.iter().map(|camera| camera.offset).collect()).collect()
     }
 
-    /// Finds the members at the solution `x` of the last stage. A member minimises
+    /// Finds the members at the solution of the last stage. A member minimises
     /// the objective function with other measurements and another prior; in a linear problem, members
     /// have the distribution of the solution given the images (randomised maximum likelihood: Oliver, He
-    /// and Reynolds 1996).
+    /// and Reynolds 1996). Each begins with the steps stored before it, as the second derivatives of all
+    /// are nearly the same.
     fn spread(
         &mut self,
         level: &Level,
         objective: &mut Objective,
         measurements: &[Measurement],
-        x: &[f64],
+        solution: &Minimiser,
     ) -> Result<()> {
+        let x = &solution.point().x;
+        let mut minimiser = solution.clone().with_memory(MEMBER_MEMORY);
         for number in 0..self.settings.members {
             objective.disturb(measurements, &mut stream(0, Purpose::Members, &[number as u64]));
-            let bounds = objective.variables.bounds();
-            let settings = minimiser_settings(self.settings);
-            let mut minimiser = Minimiser::start(objective, x, bounds, settings)?;
+            minimiser.restart(objective, x)?;
             let mut values = vec![minimiser.point().value];
-            while values.len() <= self.settings.iterations && !self.has_stalled(&values, 0.0) {
+            while values.len() <= MEMBER_STEPS
+                && !has_stalled(&values, MEMBER_CHANGE * self.settings.change, 0.0)
+            {
                 if self.watch.interrupted() {
                     return Err(Error::Interrupted);
                 }
@@ -567,15 +576,7 @@ impl<'a> Run<'a> {
         let recent = iteration.saturating_sub(PATIENCE)..iteration;
         let shift = if recent.contains(&evaluated_again) { self.shift } else { 0.0 };
         let values: Vec<f64> = here.iter().map(|record| record.value).collect();
-        self.has_stalled(&values, shift).then_some(Ending::Stalled)
-    }
-
-    /// Whether the last iterations have hardly reduced the values of the objective function, of which
-    /// the last ones are larger by `shift` than the earlier ones.
-    fn has_stalled(&self, values: &[f64], shift: f64) -> bool {
-        let Some(earlier) = values.len().checked_sub(PATIENCE + 1) else { return false };
-        let (before, last) = (values[earlier], values[values.len() - 1]);
-        before - last + shift < self.settings.change * before
+        has_stalled(&values, self.settings.change, shift).then_some(Ending::Stalled)
     }
 
     /// Records an iteration and passes it to the progress callback.
@@ -656,6 +657,14 @@ fn stages(start: &Start, corrected: bool, settings: &InversionSettings) -> Vec<S
     let first = (corrected && !matches!(start, Start::Estimate(_))).then_some(1);
     let far = coarse.iter().copied().chain(first).map(|block| Stage { block, near: false });
     far.chain(std::iter::repeat_n(near, corrections)).collect()
+}
+
+/// Whether the last iterations have reduced the values of the objective function by less than the relative
+/// change. The last values are larger by `shift` than the earlier ones.
+fn has_stalled(values: &[f64], change: f64, shift: f64) -> bool {
+    let Some(earlier) = values.len().checked_sub(PATIENCE + 1) else { return false };
+    let (before, last) = (values[earlier], values[values.len() - 1]);
+    before - last + shift < change * before
 }
 
 fn minimiser_settings(settings: &InversionSettings) -> MinimiserSettings {

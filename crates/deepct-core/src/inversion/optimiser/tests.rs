@@ -134,3 +134,53 @@ fn at_a_minimum_there_is_no_step() {
     let mut function = Rosenbrock { x: vec![2.0, 3.0] };
     assert_eq!(minimiser.clone().step(&mut function).unwrap(), Step::NoDescent);
 }
+
+/// A quadratic function of ten variables, between 1 and 1000 times as steep along each, whose minimum is
+/// at `center`.
+struct Ellipsoid {
+    center: f64,
+    x: Vec<f64>,
+}
+
+impl Ellipsoid {
+    fn terms(&self) -> impl Iterator<Item = (f64, f64)> {
+        let steepness = |i: usize| 1000.0_f64.powf(i as f64 / 9.0);
+        self.x.iter().enumerate().map(move |(i, x)| (steepness(i), x - self.center))
+    }
+}
+
+impl Function for Ellipsoid {
+    fn value(&mut self, x: &[f64]) -> Result<f64> {
+        self.x = x.to_vec();
+        Ok(self.terms().map(|(steepness, x)| 0.5 * steepness * x * x).sum())
+    }
+
+    fn gradient(&mut self) -> Result<Vec<f64>> {
+        Ok(self.terms().map(|(steepness, x)| steepness * x).collect())
+    }
+}
+
+#[test]
+fn stored_steps_serve_a_function_with_the_same_second_derivatives() {
+    let start = [1.0; 10];
+    let bounds = Bounds { lower: vec![f64::NEG_INFINITY; 10], upper: vec![f64::INFINITY; 10] };
+    let steps = |function: &mut Ellipsoid, minimiser: &mut Minimiser| {
+        let mut steps = 0;
+        while minimiser.free_gradient() > 1e-6 {
+            minimiser.step(function).unwrap();
+            steps += 1;
+        }
+        let center = function.center;
+        assert!(minimiser.point().x.iter().all(|x| (x - center).abs() < 1e-5));
+        steps
+    };
+    let mut function = Ellipsoid { center: 0.0, x: Vec::new() };
+    let settings = MinimiserSettings::default();
+    let minimiser = Minimiser::start(&mut function, &start, bounds, settings).unwrap();
+    let mut minimiser = minimiser.with_memory(40);
+    let first = steps(&mut function, &mut minimiser);
+    function.center = -2.0;
+    minimiser.restart(&mut function, &start).unwrap();
+    let again = steps(&mut function, &mut minimiser);
+    assert!(2 * again < first, "{again} steps after {first}");
+}
