@@ -312,7 +312,7 @@ def test_recipes_that_ship_are_valid():
     formations = {path.stem: load_recipe(path).formation for path in paths}
     assert set(formations.values()) == {"cloudct-10", "pearls-32"}
     assert all(name.startswith(formation) for name, formation in formations.items())
-    assert len(formations) == 4
+    assert len(formations) == 5
 
 
 @pytest.mark.parametrize(

@@ -418,7 +418,7 @@ fn standard_errors_are_those_of_independent_voxels() {
     let problem = Problem { bands: from_ref(&seen), mask: &mask, truth: None };
     let uncertainty = |voxel: (usize, usize, usize)| [0.05, 0.2, 0.5, 1.0][voxel.1];
     let uncertainty = Volume::new(grid, Array3::from_shape_fn(grid.shape, uncertainty)).unwrap();
-    let start = Estimate { extinction: truth.clone(), uncertainty: Some(uncertainty.clone()) };
+    let start = Estimate { uncertainty: Some(uncertainty.clone()), ..truth.clone().into() };
     let members = 400;
     let settings = InversionSettings {
         members,
