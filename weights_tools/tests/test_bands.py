@@ -11,6 +11,7 @@ import torch
 from conftest import LEVELS, SIZE, change_manifest, planes_metadata, saved, seasoned_network
 from safetensors.torch import load_file
 from test_check import DEEPCT, needs_deepct
+from test_neighbours import GEOMETRY, cloud
 from test_training import CPU, RECIPE, silent
 
 from weights_tools.check import check, engines, weights_metadata
@@ -79,19 +80,27 @@ def test_the_images_of_all_bands_and_the_radius_are_read(data, bands_folder):
 
 def test_the_radius_moves_with_the_extinction(data):
     shifter = Shifter(data.image_geometry, (0.05, 0.05, 0.04), 1, 1)
-    neighbours = Neighbours(data.train, shifter, 1.0)
     generator = torch.Generator().manual_seed(2)
-    volumes, images = shifter.draw(data.train.volumes, data.train.radiance, generator)
+    volumes, _ = shifter.draw(data.train.volumes, data.train.radiance, generator)
     assert not torch.equal(volumes, data.train.volumes)
     for number, (extinction, product) in enumerate(volumes):
         torch.testing.assert_close(product, (6.0 + number) * extinction)
-    both, _ = neighbours.draw(volumes, images, generator)
-    added = both - volumes
-    extinction, product = added.sum((2, 3, 4)).unbind(1)
-    radii = (product / extinction)[extinction > 0.0]
-    # Each neighbour is one of the clouds, all of whose droplets have one radius.
-    assert len(radii) > 0
-    assert all(min(abs(radius - known) for known in range(6, 12)) < 1e-3 for radius in radii.tolist())
+
+
+def test_a_neighbour_has_its_own_radius():
+    clouds, images = zip(*(cloud(y, x) for y, x in ((11, 11), (10, 12), (12, 11), (11, 12))))
+    radii = torch.tensor([6.0, 7.0, 8.0, 9.0])
+    extinction = torch.stack(clouds)
+    volumes = torch.stack([extinction, radii[:, None, None, None] * extinction], 1)
+    samples = Samples(volumes, torch.stack(images))
+    neighbours = Neighbours(samples, Shifter(GEOMETRY, (0.05, 0.05, 0.04), 1), 1.0)
+    generator, seen = torch.Generator().manual_seed(4), set()
+    for _ in range(5):
+        both, _ = neighbours.draw(volumes, samples.radiance, generator)
+        extinction, product = (both - volumes).sum((2, 3, 4)).unbind(1)
+        seen |= set((product / extinction)[extinction > 0.0].tolist())
+    assert seen == set(radii.tolist())
+
 
 
 def test_each_band_has_a_sensor_of_its_own(data):
