@@ -166,7 +166,8 @@ fn files_of_two_bands(program: &Program) -> (Vec<Observation>, Weights) {
     infrared.images.values.mapv_inplace(|radiance| 0.7 * radiance);
     let mut weights = weights(&visible, ImageLayout::Camera);
     let first = &mut weights.layers[0].weight;
-    *first = concatenate(Axis(1), &[first.view(), (-0.5 * &*first).view()]).unwrap();
+    let both = concatenate(Axis(1), &[first.view(), (-0.5 * &*first).view()]).unwrap();
+    *first = both.as_standard_layout().into_owned();
     let metadata = &mut weights.metadata;
     metadata.architecture.channels[0] = 20;
     metadata.wavelengths_um = vec![0.672, 2.13];
