@@ -36,7 +36,7 @@ TWO_BANDS = replace(
 
 @pytest.fixture
 def bands_folder(dataset_folder):
-    """The synthetic data set in two bands; droplets with a larger radius are darker in the second."""
+    """The synthetic data set in two bands; larger droplets are darker in the second one."""
 
     def add_bands(manifest):
         manifest["configuration"] = {"bands": BANDS}
@@ -117,7 +117,7 @@ def test_each_band_has_a_sensor_of_its_own(data):
 def test_the_loss_of_the_radius_by_hand():
     extinction = torch.tensor([1.0, 3.0, 0.0]).reshape(1, 3, 1, 1)
     truth = torch.stack([extinction, 2.0 * extinction], 1)
-    # The radii are wrong by 1 and 0.5 where the extinction is 1 and 3; elsewhere they do not matter.
+    # Errors of 1 and 0.5 where the extinction is 1 and 3; elsewhere the radius does not matter.
     radius = torch.tensor([3.0, 1.5, 9.0]).reshape(1, 3, 1, 1)
     outputs = torch.cat([extinction, torch.zeros(1, 3, 1, 1), radius], 1)
     recipe = LossRecipe(effective_radius=2.0)

@@ -49,9 +49,9 @@ class Engine(NamedTuple):
     tolerance: float
     """Tolerance of the error relative to the largest value."""
     run: Callable[[np.ndarray, dict[str, Any]], np.ndarray]
-    """Function of images ``[view, row, col]`` (1/sr), the views of the first band, then those of the
-    next one, and the metadata of the weights. It returns all outputs (1/km; um), concatenated along the
-    first axis."""
+    """Function of images ``[view, row, col]`` (1/sr), the views of the first band, then those of
+    the next one, and the metadata of the weights. It returns all outputs (1/km; um), concatenated
+    along the first axis."""
     settings: str = ""
     """The settings that differ from the defaults of the library, and the reason."""
 
@@ -149,8 +149,8 @@ def weights_metadata(path: str | Path) -> dict[str, Any]:
 
 
 def write_images(path: Path, radiance: np.ndarray, metadata: dict[str, Any]) -> None:
-    """Write images ``[view, row, col]`` that ``deepct`` can read, with the views of the weights; those
-    of several bands, one after the other, on the dimension ``wavelength``."""
+    """Write images ``[view, row, col]`` that ``deepct`` can read, with the views of the weights;
+    those of several bands, one after the other, on the dimension ``wavelength``."""
     geometry, wavelengths = metadata["view_geometry"], wavelengths_of(metadata)
     views = len(radiance) // len(wavelengths)
     images = ("view", "row", "col")

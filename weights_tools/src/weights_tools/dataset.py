@@ -101,8 +101,8 @@ class Samples:
 
     volumes: Tensor
     """Extinction ``[n, z, y, x]`` (1/km), or ``[n, 2, z, y, x]`` with, second, its product with the
-    effective radius (um/km). Where clouds are added, both are sums, and the quotient is the effective
-    radius of all droplets."""
+    effective radius (um/km). Where clouds are added, both are sums, and the quotient is the
+    effective radius of all droplets."""
     radiance: Tensor
     """``[n, view, row, col]`` (1/sr): the views of the first band, then those of the next one."""
 

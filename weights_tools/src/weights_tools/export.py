@@ -61,8 +61,8 @@ _TYPES = {
 """The types of the values of each kind; any of them for others."""
 
 _OPTIONAL = ("view_geometry.camera_distance_km", "effective_radius_scale")
-"""Metadata that may be missing: the cameras are then at an unknown distance, and the effective radius
-is no output."""
+"""Metadata that may be missing: the cameras are then at an unknown distance, and the effective
+radius is no output."""
 
 METADATA_KEYS = tuple(
     dict.fromkeys(name.partition(".")[0] for name in _KINDS if name not in _OPTIONAL)

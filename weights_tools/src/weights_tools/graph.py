@@ -171,9 +171,9 @@ radius (float[cloud, z, y, x] raw_radius) => (float[cloud, z, y, x] effective_ra
 def onnx_model(
     layers: dict[str, Tensor], lift: Lift | None, header: dict[str, Any]
 ) -> onnx.ModelProto:
-    """The graph from radiance ``[cloud, view, row, col]`` (1/sr; the views of the first band, then those
-    of the next one) to extinction ``[cloud, z, y, x]`` (1/km), float32, for any number of clouds, rows
-    and columns.
+    """The graph from radiance ``[cloud, view, row, col]`` (1/sr; the views of the first band, then
+    those of the next one) to extinction ``[cloud, z, y, x]`` (1/km), float32, for any number of
+    clouds, rows and columns.
 
     ``layers`` and ``header`` are the layers and the metadata of a weights file; the metadata are
     stored as JSON under ``deepct``. The graph includes the scaling and the resampling onto planes.

@@ -13,8 +13,8 @@ and the result does not depend on the last bit of a tangent."""
 
 
 class Lift(nn.Module):
-    """Resample images ``[n, view, row, col]`` to channels ``[n, plane * views + view, y, x]``, where
-    the views are those of the first band, then those of the next one.
+    """Resample images ``[n, view, row, col]`` to channels ``[n, plane * views + view, y, x]``,
+    where the views are those of the first band, then those of the next one.
 
     Each image is resampled bilinearly onto the horizontal plane of the target. For a plane at
     another altitude, the result is displaced by the parallax of that altitude, rounded to whole

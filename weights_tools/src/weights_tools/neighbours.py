@@ -30,8 +30,8 @@ class Neighbours:
     def draw(
         self, volumes: Tensor, radiance: Tensor, generator: torch.Generator
     ) -> tuple[Tensor, Tensor]:
-        """Clouds ``[n, z, y, x]``, or ``[n, quantity, z, y, x]``, and images ``[n, view, row, col]``
-        including the neighbours."""
+        """Clouds ``[n, z, y, x]``, or ``[n, quantity, z, y, x]``, and images
+        ``[n, view, row, col]`` including the neighbours."""
         count = len(volumes)
         extinction, others = first_volume(volumes), self.samples.extinction
         other = torch.randperm(len(self.samples), generator=generator)[:count]

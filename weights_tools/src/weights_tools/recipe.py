@@ -34,7 +34,8 @@ class NetworkRecipe:
     """Whether the last layer also estimates the absolute error of the extinction of each voxel;
     these channels follow those of the extinction."""
     effective_radius: bool = False
-    """Whether the last layer also estimates the effective radius of each voxel, in its last channels."""
+    """Whether the last layer also estimates the effective radius of each voxel, in its last
+    channels."""
 
     @property
     def outputs(self) -> list[str]:

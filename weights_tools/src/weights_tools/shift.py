@@ -48,8 +48,8 @@ class Shifter:
     def draw(
         self, volumes: Tensor, radiance: Tensor, generator: torch.Generator
     ) -> tuple[Tensor, Tensor]:
-        """Shift each cloud of a batch ``[n, z, y, x]``, or ``[n, quantity, z, y, x]``, and its images
-        ``[n, view, row, col]``."""
+        """Shift each cloud of a batch ``[n, z, y, x]``, or ``[n, quantity, z, y, x]``, and its
+        images ``[n, view, row, col]``."""
 
         def draw(most: int, cloudy: Tensor) -> Tensor:
             shifts = torch.randint(-most, most + 1, (len(volumes),), generator=generator)

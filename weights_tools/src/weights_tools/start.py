@@ -1,7 +1,7 @@
 """Parameters with which a training starts, from the weights file of a smaller network.
 
-The network may have further bands and further outputs. The kernels of the further bands are zero at
-first, so that the network begins with the estimates of the smaller one.
+The network may have further bands, and the effective radius as a further output. The kernels of the
+further bands are zero at first, so that the network begins with the estimates of the smaller one.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from weights_tools.model import Network
 _SAME = ("view_geometry", "target_altitude_km", "image_layout", "horizontal_spacing_km", "levels")
 """Metadata that both networks must have in common."""
 
-_RADIUS_FACTOR = 0.1
-"""Factor of the batch normalisation of the effective radius at first, which is then near its scale."""
+_RADIUS_FACTOR = 0.25
+"""First factor of the batch normalisation of the scaled effective radius: about its variation."""
 
 
 def load_start(path: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
@@ -43,22 +43,24 @@ def start(
     path: Path,
     metadata: dict[str, Any],
     images: Tensor,
+    volumes: Tensor,
 ) -> dict[str, Any]:
     """Set the parameters of a network from the weights file ``path`` of a smaller one, whose batch
-    normalisation is folded. ``metadata`` are those of the network; its new batch normalisations have the
-    statistics of ``images``, typical inputs of the first layer.
+    normalisation is folded. ``metadata`` are those of the network; its new batch normalisations
+    have the statistics of ``images``, typical inputs of the first layer. If the effective radius is
+    a new output, it begins at the mean of that in the scaled ``volumes``.
 
-    Returns the training metadata of the file. Raises :class:`InputError` if the networks differ in more
-    than the bands and the outputs after the first ones.
+    Returns the training metadata of the file. Raises :class:`InputError` if the networks differ in
+    more than the bands after the first ones and the effective radius.
     """
     layers, header = load_start(path)
     bands = wavelengths_of(metadata)
     before, outputs = wavelengths_of(header), header.get("outputs", ["extinction"])
-    remedy = "start from weights of a network like that of the recipe, with fewer bands or outputs"
+    remedy = "start from weights of a network like that of the recipe, perhaps with fewer bands"
     differing = [key for key in _SAME if not _is_near(header[key], metadata[key])]
     if not _is_near(before, bands[: len(before)]):
         differing.append("wavelength_um")
-    if outputs != metadata["outputs"][: len(outputs)]:
+    if metadata["outputs"] not in (outputs, [*outputs, "effective_radius"]):
         differing.append("outputs")
     if header["architecture"]["channels"][1:-1] != network.channels[1:-1]:
         differing.append("architecture")
@@ -70,7 +72,8 @@ def start(
     with torch.no_grad():
         for index, block in enumerate(network.net.body):
             convolution, norm = block.body[0], block.body[1]
-            weight, bias = (layers[f"layers.{index}.{name}"].clone() for name in ("weight", "bias"))
+            weight = layers[f"layers.{index}.weight"].clone()
+            bias = layers[f"layers.{index}.bias"].clone()
             known = len(weight)
             # The scales of the recipe may be others.
             if index == last:
@@ -79,7 +82,8 @@ def start(
             if index == 0:
                 weight *= header["input_scale"] / metadata["input_scale"]
                 # The channels of a plane are the views of each band.
-                kernels = convolution.weight[:known].unflatten(1, (-1, len(bands), views)).zero_()
+                kernels = convolution.weight[:known].unflatten(1, (-1, len(bands), views))
+                kernels.zero_()
                 kernels[:, :, : len(before)] = weight.unflatten(1, (-1, len(before), views))
             else:
                 convolution.weight[:known] = weight
@@ -92,8 +96,10 @@ def start(
             norm.running_var.copy_(variance)
             norm.weight.copy_((variance + norm.eps).sqrt())
             norm.bias.copy_(mean)
-            norm.weight[known:] = _RADIUS_FACTOR
-            norm.bias[known:] = 1.0
+            if known < len(mean):
+                extinction, product = volumes.sum((0, 2, 3, 4))
+                norm.weight[known:] = _RADIUS_FACTOR
+                norm.bias[known:] = product / extinction
             images = block(images)
     network.train()
     return header["training"]

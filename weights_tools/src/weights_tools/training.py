@@ -57,9 +57,9 @@ class Training:
         processes: Processes,
         start: Path | None = None,
     ) -> None:
-        """Resume the run in ``folder``, or begin a new one, with the parameters of ``start`` if it is
-        given: a checkpoint of a network of the same kind, or a weights file (``NAME.safetensors``), also
-        of fewer bands and outputs.
+        """Resume the run in ``folder``, or begin a new one, with the parameters of ``start`` if it
+        is given: a checkpoint of a network of the same kind, or a weights file
+        (``NAME.safetensors``), also of fewer bands and without the effective radius.
 
         Raises :class:`InputError` for a checkpoint of another recipe, data set or network, and if
         a batch has fewer samples than there are processes.
@@ -149,15 +149,16 @@ class Training:
         return self.epoch - best_epoch(self.history) >= training.patience
 
     def scores(self) -> tuple[float, float, float]:
-        """Mean epsilon, mean delta and mean error of the effective radius (um; 0 if the network does
-        not estimate it) over the validation clouds, with a fixed noise."""
+        """Mean epsilon, mean delta and mean error of the effective radius (um; 0 if the network
+        does not estimate it) over the validation clouds, with a fixed noise."""
         volumes = self.estimate(self.validation.radiance)
         epsilon, delta = scores(volumes["extinction"], self.validation.extinction)
         radius = volumes.get("effective_radius")
         return epsilon, delta, 0.0 if radius is None else radius_error(radius, self.validation)
 
     def estimate(self, radiance: Tensor) -> dict[str, Tensor]:
-        """The outputs ``[n, z, y, x]`` by name (1/km; um) from noisy images ``[n, view, row, col]``."""
+        """The outputs ``[n, z, y, x]`` by name (1/km; um) from noisy images
+        ``[n, view, row, col]``."""
         self.network.eval()
         scaling, names = self.recipe.scaling, self.recipe.network.outputs
         with torch.no_grad():
@@ -274,9 +275,9 @@ class Training:
     def _start(self, path: Path) -> None:
         if path.suffix.lower() == ".safetensors":
             typical = torch.arange(min(TYPICAL, len(self.data.train)))
-            images, _ = self._batch(typical, _generator(self.recipe.training.seed, 0))
+            images, volumes = self._batch(typical, _generator(self.recipe.training.seed, 0))
             metadata = {**_layout(self.recipe, self.data), **_outputs(self.recipe)}
-            self.started_from = start_from(self.network, path, metadata, images)
+            self.started_from = start_from(self.network, path, metadata, images, volumes)
             return
         checkpoint = load_checkpoint(path)
         recipe = self.recipe.resolved()
@@ -311,8 +312,8 @@ def validation_images(data: Dataset, sensor: Sensor, seed: int) -> Tensor:
 
 
 def sensed(radiance: Tensor, data: Dataset, sensor: Sensor, generator: torch.Generator) -> Tensor:
-    """Noisy images ``[n, view, row, col]``. Each band has a sensor of its own, whose exposure fits the
-    brightest pixel of the band."""
+    """Noisy images ``[n, view, row, col]``. Each band has a sensor of its own, whose exposure fits
+    the brightest pixel of the band."""
     bands = radiance.unflatten(1, (len(data.wavelengths_um), -1))
     return sensor.sense(bands, generator).flatten(1, 2)
 
@@ -340,8 +341,8 @@ def learning_rate(training: TrainingRecipe, progress: float) -> float:
 def loss_of(recipe: LossRecipe, truth: Tensor, outputs: Tensor) -> Tensor:
     """The loss for a batch of scaled extinction ``[n, z, y, x]``, or ``[n, 2, z, y, x]`` with the
     product of the extinction and the effective radius. ``outputs`` are those of the network: the
-    extinction, followed by its uncertainty if the network estimates it, and by the effective radius if
-    there is a product."""
+    extinction, followed by its uncertainty if the network estimates it, and by the effective radius
+    if there is a product."""
     truth, product = truth.unbind(1) if truth.ndim == 5 else (truth, None)
     estimate, *further = outputs.split(truth.shape[1], 1)
     radius = further.pop() if product is not None else None
