@@ -15,7 +15,7 @@ def test_all_views_in_the_order_of_the_folder(dataset_folder):
     assert data.validation.extinction.shape == (3, LEVELS, SIZE, SIZE)
     assert data.geometry.view_zenith_deg[:2] == (60.0, 34.0)
     assert data.geometry.camera_distance_km[:2] == pytest.approx((660.0, 634.0))
-    assert data.wavelength_um == 0.672
+    assert data.wavelengths_um == (0.672,)
 
 
 def test_the_ten_views_are_found_by_their_directions(dataset_folder):

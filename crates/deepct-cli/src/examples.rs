@@ -64,6 +64,10 @@ const EXAMPLES: &[(&str, &[(&str, &str)])] = &[
                 "deepct infer noisy.nc --carve --out volume.nc",
             ),
             ("many files", "deepct infer scenes/a.nc scenes/b.nc --out-dir volumes --json"),
+            (
+                "extinction and effective radius from two bands",
+                "deepct infer visible.nc infrared.nc --weights two-bands.safetensors --out volume.nc",
+            ),
         ],
     ),
     (

@@ -87,15 +87,13 @@ impl Field<'_> {
         let tile = &self.tiles[number];
         let Some(observation) = observation else {
             let own = self.grid.part(tile.rows.clone(), tile.cols.clone())?;
-            return Ok(Estimate { extinction: Volume::constant(own, 0.0), uncertainty: None });
+            return Ok(Volume::constant(own, 0.0).into());
         };
         let around = compute(&observation, tile).map_err(Error::in_file(self.images))?;
         let [rows, cols] = tile.inner(&self.grid);
         let inner = |volume: &Volume| volume.part(rows.clone(), cols.clone());
-        Ok(Estimate {
-            extinction: inner(&around.extinction)?,
-            uncertainty: around.uncertainty.as_ref().map(inner).transpose()?,
-        })
+        let uncertainty = around.uncertainty.as_ref().map(inner).transpose()?;
+        Ok(Estimate { uncertainty, ..inner(&around.extinction)?.into() })
     }
 
     /// The parts of the images that show a tile, unless there are none.

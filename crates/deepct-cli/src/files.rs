@@ -14,7 +14,7 @@ pub(crate) struct Files {
     /// Files of images
     #[arg(required = true, value_name = "IMAGES")]
     images: Vec<PathBuf>,
-    /// File to write, for a single file of images
+    /// File to write, for the images of a single scene
     #[arg(long, value_name = "FILE.nc", required_unless_present = "out_dir")]
     out: Option<PathBuf>,
     /// Folder to write to: one file for each file of images, with the same name. A file that cannot
@@ -35,13 +35,30 @@ impl Files {
     /// Calls `process` with each file of images and the file to write, and prints what it returns.
     ///
     /// # Errors
-    /// Outputs that cannot be written or would replace an input, before anything is processed; the
-    /// error of a single file; and, after all files, the number of those that could not be processed,
-    /// whose errors have been printed.
+    /// As [`Files::each_scene`]; several files with --out.
     pub(crate) fn each<S: Summary>(
         &self,
         global: &Global,
         process: impl Fn(&Path, &Path) -> Result<S>,
+    ) -> Result<()> {
+        if self.out.is_some() && self.images.len() > 1 {
+            let range = "1 with --out; give --out-dir for several files";
+            return Err(Error::out_of_range("number of files", self.images.len(), range));
+        }
+        self.each_scene(global, |images, out| process(&images[0], out))
+    }
+
+    /// Calls `process` with the files of images of each scene and the file to write, and prints what it
+    /// returns. With --out, all files are of one scene; with --out-dir, each is of a scene of its own.
+    ///
+    /// # Errors
+    /// Outputs that cannot be written or would replace an input, before anything is processed; the
+    /// error of a single scene; and, after all scenes, the number of those that could not be processed,
+    /// whose errors have been printed.
+    pub(crate) fn each_scene<S: Summary>(
+        &self,
+        global: &Global,
+        process: impl Fn(&[PathBuf], &Path) -> Result<S>,
     ) -> Result<()> {
         let mut summaries = Vec::new();
         let result = self.process(global.force, |images, out| {
@@ -63,14 +80,14 @@ impl Files {
     fn process(
         &self,
         force: bool,
-        mut process: impl FnMut(&Path, &Path) -> Result<()>,
+        mut process: impl FnMut(&[PathBuf], &Path) -> Result<()>,
     ) -> Result<()> {
         let outputs = self.outputs(force)?;
         if self.out_dir.is_none() {
-            return process(&self.images[0], &outputs[0]);
+            return process(&self.images, &outputs[0]);
         }
         let mut failed = 0;
-        for (images, out) in self.images.iter().zip(&outputs) {
+        for (images, out) in self.images.chunks(1).zip(&outputs) {
             match process(images, out) {
                 Ok(()) => {}
                 Err(Error::Interrupted) => return Err(Error::Interrupted),
@@ -90,11 +107,7 @@ impl Files {
     /// The files to write.
     fn outputs(&self, force: bool) -> Result<Vec<PathBuf>> {
         let outputs: Vec<PathBuf> = match (&self.out, &self.out_dir) {
-            (Some(out), _) if self.images.len() == 1 => vec![out.clone()],
-            (Some(_), _) => {
-                let range = "1 with --out; give --out-dir for several files";
-                return Err(Error::out_of_range("number of files", self.images.len(), range));
-            }
+            (Some(out), _) => vec![out.clone()],
             (None, folder) => {
                 let folder = folder.as_deref().unwrap_or(Path::new("."));
                 self.images

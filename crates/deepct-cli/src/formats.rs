@@ -9,9 +9,10 @@ pub(crate) struct Args {}
 const FORMATS: &str = "\
 Read and written (HDF5 files that are valid netCDF-4, with CF attributes)
   cloud    lwc (g m-3), reff (um), veff and/or extinction (km-1) on (z, y, x)
-  volume   extinction (km-1) on (z, y, x)
+  volume   extinction (km-1), and uncertainty (km-1) and reff (um) if known, on (z, y, x)
   mask     mask, 1 inside and 0 outside, on (z, y, x)
-  images   radiance (sr-1) on (view, row, col) in any order, NaN where missing; sun_zenith_deg,
+  images   radiance (sr-1) on (view, row, col) in any order, and on wavelength if there are
+           several bands, NaN where missing; sun_zenith_deg,
            sun_azimuth_deg (degree), wavelength (um); for each view target (km) and either
            camera_position (km) and pixel_tangent (perspective cameras), or view_zenith_deg,
            view_azimuth_deg (degree) and pixel_km (orthographic ones), or, on (view, row, col,

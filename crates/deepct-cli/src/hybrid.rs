@@ -11,7 +11,7 @@ use crate::outcome::Outcome;
 use crate::summary;
 use deepct_core::carve::carve;
 use deepct_core::grid::{Grid, Volume};
-use deepct_core::inversion::{InversionSettings, Radius};
+use deepct_core::inversion::{InversionSettings, Radius, network_bands, network_estimate};
 use deepct_core::io::{ImagesFile, Provenance};
 use deepct_core::network::{Estimate, Estimator};
 use deepct_core::scene::{Observation, Tile};
@@ -83,8 +83,10 @@ impl<'a> Run<'a> {
     fn whole(&self, grid: Grid) -> Result<Outcome> {
         let Self { args, global, network, .. } = self;
         let bands = read_bands(&args.images, &self.given, global)?;
-        let start = self.start(&bands[0], &grid).map_err(Error::in_file(&args.images[0]))?;
-        args.network.warn_of_unusual_images(network, &bands[0], &start)?;
+        let start = self.start(&bands, &grid).map_err(Error::in_file(&args.images[0]))?;
+        for band in network_bands(network, &bands) {
+            args.network.warn_of_unusual_images(network, band, &start)?;
+        }
         args.network.warn_of_ends(&start);
         self.job(bands, start).run(global)
     }
@@ -127,16 +129,16 @@ impl<'a> Run<'a> {
         let quiet = global.silent();
         let total = field.compute(global, |observation, tile| {
             let observation = Observation { light: light.clone(), ..observation.clone() };
-            let start = self.start(&observation, &tile.around)?;
+            let start = self.start(std::slice::from_ref(&observation), &tile.around)?;
             let mask = match &mask {
                 Some(mask) => part_of(mask, tile)?,
                 None => carve(&observation, &tile.around, &self.settings.carve)?.mask,
             };
             let extinction = self.job(vec![observation], start).tile(&quiet, &mask, &grid)?;
-            Ok(Estimate { extinction, uncertainty: None })
+            Ok(extinction.into())
         })?;
         if let Some((observation, tile)) = field.thickest(&total)? {
-            let start = self.start(&observation, &tile.around)?;
+            let start = self.start(std::slice::from_ref(&observation), &tile.around)?;
             args.network.warn_of_unusual_images(network, &observation, &start)?;
             args.network.warn_of_ends(&start);
         }
@@ -152,15 +154,14 @@ impl<'a> Run<'a> {
         let inputs = images.iter().map(PathBuf::as_path).chain(others.into_iter().flatten());
         let inputs = identity(inputs, grid)?;
         let grid = grid.part(0..1, 0..1)?;
-        let start = Estimate { extinction: Volume::constant(grid, 0.0), uncertainty: None };
+        let start = Volume::constant(grid, 0.0).into();
         let job = self.job(vec![corner], start);
         Ok(format!("inputs = {inputs:?}\n{}", job.resolved(&self.settings)))
     }
 
     /// The estimate of the network, from which the inversion starts.
-    fn start(&self, observation: &Observation, grid: &Grid) -> Result<Estimate> {
-        let ideal = observation.on_ideal_cameras()?;
-        self.network.estimate(&ideal.images, &ideal.imaging_geometry()?, Some(grid))
+    fn start(&self, bands: &[Observation], grid: &Grid) -> Result<Estimate> {
+        network_estimate(&self.network, network_bands(&self.network, bands), Some(grid))
     }
 
     fn job(&self, bands: Vec<Observation>, start: Estimate) -> Job<'a> {

@@ -11,13 +11,18 @@ use crate::summary;
 use deepct_core::carve::{CarveSettings, carve};
 use deepct_core::conv;
 use deepct_core::grid::{Grid, Mask, Volume};
-use deepct_core::io::{ImagesFile, Provenance, read_observation, write_estimate};
-use deepct_core::network::{Estimate, Estimator};
+use deepct_core::inversion::network_estimate;
+use deepct_core::io::{ImagesFile, Provenance, read_observations, write_estimate};
+use deepct_core::network::Estimator;
 use deepct_core::scene::{Observation, Tile};
 use deepct_core::{Error, Result};
 use std::path::{Path, PathBuf};
 
 /// Reconstruct the extinction of a cloud with the network
+///
+/// Weights for several bands need one file of images for each band with --out, in the order of the
+/// weights (`deepct weights inspect`), or one file with a dimension wavelength; they may also estimate the
+/// effective radius.
 ///
 /// Fields of more than 768 columns along a side are computed and written tile by tile, in little memory.
 /// If the command is interrupted, repeat it to continue.
@@ -81,7 +86,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
         grid: args.network.grid()?,
         settings,
     };
-    args.files.each(global, |images, out| run.file(images, out))?;
+    args.files.each_scene(global, |images, out| run.scene(images, out))?;
     Ok(Outcome::Success)
 }
 
@@ -100,45 +105,68 @@ struct Run<'a> {
 }
 
 impl Run<'_> {
-    /// Estimate the extinction for one file of images, and write it.
-    fn file(&self, images: &Path, out: &Path) -> Result<Summary> {
-        let file = ImagesFile::open(images)?;
+    /// Estimate the extinction for the images of one scene, and write it.
+    fn scene(&self, files: &[PathBuf], out: &Path) -> Result<Summary> {
+        let images = &*files[0];
+        let file = ImagesFile::open_first_band(images)?;
         let grid = network_grid(&self.network, self.grid, &file);
         let grid = grid.map_err(Error::in_file(images))?;
         let tiles = Tile::all(file.views(), &grid, TILE, self.network.halo(&grid))?;
         if tiles.len() > 1 {
+            self.check_one_band(files)?;
             let Args { network, mask, .. } = self.args;
             let inputs = [Some(images), Some(&network.weights), mask.as_deref()];
             let inputs = identity(inputs.into_iter().flatten(), &grid)?;
-            let provenance = self.provenance(images, &inputs);
+            let provenance = self.provenance(files, &inputs);
+            let file = ImagesFile::open(images)?;
             return self.field(Field { file, images, grid, tiles, out, provenance });
         }
         let Self { args, network, .. } = self;
-        let observation = read_observation(images)?;
-        let estimate = |network| infer(network, &observation, &grid);
+        let bands = files.iter().map(read_observations).collect::<Result<Vec<_>>>()?.concat();
+        let observation = &bands[0];
+        let estimate = |network| network_estimate(network, &bands, Some(&grid));
         let mut estimated = estimate(network).map_err(Error::in_file(images))?;
         let exact = self.exact.as_ref().map(estimate).transpose()?;
         let rounding =
             exact.map(|exact| Rounding::between(&estimated.extinction, &exact.extinction));
         let mask = match &args.mask {
             Some(path) => Some(given_mask(path, &grid)?),
-            None => self.carved(images, &observation, &grid)?,
+            None => self.carved(images, observation, &grid)?,
         };
-        args.network.warn_of_unusual_images(network, &observation, &estimated)?;
+        for band in &bands {
+            args.network.warn_of_unusual_images(network, band, &estimated)?;
+        }
         args.network.warn_of_ends(&estimated);
         if let Some(mask) = mask {
-            apply(&mask, &mut estimated)?;
+            estimated.apply(&mask)?;
         }
-        write_estimate(out, &estimated, Some(&observation), &self.provenance(images, &[]))?;
+        write_estimate(out, &estimated, Some(observation), &self.provenance(files, &[]))?;
         Ok(Summary {
             images: images.into(),
             out: out.into(),
             shape: grid.shape,
             altitudes_km: [grid.lower().z, grid.upper().z],
             largest: estimated.extinction.values.iter().copied().fold(0.0, f32::max),
+            effective_radius: estimated.mean_effective_radius(),
             expected_epsilon: estimated.expected_relative_error(),
             rounding,
         })
+    }
+
+    /// Returns an error unless a field in tiles has one band and the extinction alone is estimated.
+    fn check_one_band(&self, files: &[PathBuf]) -> Result<()> {
+        let bands = self.network.bands().max(files.len());
+        if bands > 1 {
+            let range = format!("1 for a field of more than {TILE} columns: give a smaller --grid");
+            return Err(Error::out_of_range("number of bands", bands, range));
+        }
+        if self.network.weights().has_effective_radius() {
+            let range = format!(
+                "of the extinction alone for a field of more than {TILE} columns: give a smaller --grid"
+            );
+            return Err(Error::out_of_range("weights", "of the effective radius", range));
+        }
+        Ok(())
     }
 
     /// Estimate the extinction tile by tile.
@@ -147,16 +175,18 @@ impl Run<'_> {
         let mask = args.mask.as_deref().map(|path| given_mask(path, &field.grid)).transpose()?;
         let images = field.images;
         let total = field.compute(global, |observation, tile| {
-            let mut estimate = infer(network, observation, &tile.around)?;
+            let one = std::slice::from_ref(observation);
+            let mut estimate = network_estimate(network, one, Some(&tile.around))?;
             let mask = match &mask {
                 Some(mask) => Some(part_of(mask, tile)?),
                 None => self.carved(images, observation, &tile.around)?,
             };
-            mask.map_or(Ok(()), |mask| apply(&mask, &mut estimate))?;
+            mask.map_or(Ok(()), |mask| estimate.apply(&mask))?;
             Ok(estimate)
         })?;
         if let Some((observation, tile)) = field.thickest(&total)? {
-            let estimate = infer(network, &observation, &tile.around)?;
+            let one = std::slice::from_ref(&observation);
+            let estimate = network_estimate(network, one, Some(&tile.around))?;
             args.network.warn_of_unusual_images(network, &observation, &estimate)?;
             args.network.warn_of_ends(&estimate);
         }
@@ -166,6 +196,7 @@ impl Run<'_> {
             shape: field.grid.shape,
             altitudes_km: [field.grid.lower().z, field.grid.upper().z],
             largest: total.largest,
+            effective_radius: None,
             expected_epsilon: total.expected_relative_error(),
             rounding: None,
         })
@@ -185,11 +216,12 @@ impl Run<'_> {
     }
 
     /// The provenance of the output, with what identifies the inputs if the run can be resumed.
-    fn provenance(&self, images: &Path, inputs: &[String]) -> Provenance {
+    fn provenance(&self, images: &[PathBuf], inputs: &[String]) -> Provenance {
         let Self { args, network, settings, .. } = self;
         let weights = network.weights();
         let resolved = Resolved {
-            images,
+            images: &images[0],
+            other_bands: &images[1..],
             inputs,
             weights: &args.network.weights,
             formation: weights.formation(),
@@ -203,7 +235,7 @@ impl Run<'_> {
             title: "Extinction by the network".into(),
             configuration: toml::to_string(&resolved).expect("plain numbers and text"),
             seed: self.global.seed,
-            lineage: lineage("infer", images),
+            lineage: lineage("infer", &images[0]),
         }
     }
 }
@@ -219,6 +251,9 @@ struct Summary {
     altitudes_km: [f64; 2],
     /// Largest extinction (1/km).
     largest: f32,
+    /// Mean effective radius (um), weighted by the extinction, if the network estimates it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    effective_radius: Option<f64>,
     /// The relative error that the network expects.
     expected_epsilon: Option<f64>,
     #[serde(skip)]
@@ -231,6 +266,9 @@ impl summary::Summary for Summary {
         let [low, high] = self.altitudes_km;
         say!("grid     {levels} levels of {rows} x {cols} columns, {low:.3} to {high:.3} km");
         say!("largest  {:.3} km-1", self.largest);
+        if let Some(radius) = self.effective_radius {
+            say!("radius   {radius:.2} um");
+        }
         if self.largest == 0.0 {
             say!("the estimate is empty: the network found no cloud in this grid");
         }
@@ -275,21 +313,13 @@ impl Rounding {
     }
 }
 
-fn infer(network: &Estimator, observation: &Observation, grid: &Grid) -> Result<Estimate> {
-    let observation = observation.on_ideal_cameras()?;
-    network.estimate(&observation.images, &observation.imaging_geometry()?, Some(grid))
-}
-
-/// Sets an estimate to zero outside of a mask.
-fn apply(mask: &Mask, estimate: &mut Estimate) -> Result<()> {
-    mask.apply(&mut estimate.extinction)?;
-    estimate.uncertainty.as_mut().map_or(Ok(()), |values| mask.apply(values))
-}
-
 /// Parameters of the run, recorded in the output file.
 #[derive(Debug, serde::Serialize)]
 struct Resolved<'a> {
     images: &'a Path,
+    /// The files of further bands.
+    #[serde(skip_serializing_if = "<[_]>::is_empty")]
+    other_bands: &'a [PathBuf],
     #[serde(skip_serializing_if = "<[_]>::is_empty")]
     inputs: &'a [String],
     weights: &'a Path,

@@ -37,7 +37,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "NAME|FILE.toml", required_unless_present = "like")]
     views: Option<String>,
     /// Images like those that these weights were trained for: their cameras, altitude of the target,
-    /// Sun and wavelength, with air and Mie droplets. General weights have no cameras of their own.
+    /// Sun and wavelengths, with air and Mie droplets. General weights have no cameras of their own.
     /// Other options replace values
     #[arg(long, value_name = "WEIGHTS")]
     like: Option<PathBuf>,
@@ -148,7 +148,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let views = list.views(center, [rows, cols])?;
     let mut wavelengths = args.wavelength.clone();
     if wavelengths.is_empty() {
-        wavelengths.push(light.wavelength);
+        wavelengths.extend(trained_wavelengths(template.as_ref(), &light));
     }
     if wavelengths.len() > 1 && cloud.extinction.is_some() && cloud.microphysics.is_some() {
         note!(
@@ -190,9 +190,21 @@ fn trained_light(weights: &TrainedWeights) -> Result<Light> {
     if let TrainedWeights::Formation(Weights { metadata, .. }) = weights {
         let geometry = &metadata.view_geometry;
         light.sun = Sun::from_degrees(geometry.sun_zenith_deg, geometry.sun_azimuth_deg)?;
-        light.wavelength = metadata.wavelength_um;
+        light.wavelength = metadata.wavelengths_um[0];
     }
     Ok(light)
+}
+
+/// The wavelengths of the bands of weights, unless the illumination has another one than the first.
+fn trained_wavelengths(weights: Option<&TrainedWeights>, light: &Light) -> Vec<f64> {
+    match weights {
+        Some(TrainedWeights::Formation(Weights { metadata, .. }))
+            if metadata.wavelengths_um[0] == light.wavelength =>
+        {
+            metadata.wavelengths_um.clone()
+        }
+        _ => vec![light.wavelength],
+    }
 }
 
 /// Inserts a wavelength (um) before the extension of a file name.

@@ -95,10 +95,11 @@ fn print_report(report: &Report<&WeightsMetadata>) {
     say!("view zenith      {} degrees", degrees(&view_geometry.view_zenith_deg));
     say!("view azimuth     {} degrees", degrees(&view_geometry.view_azimuth_deg));
     say!("Sun              zenith {zenith:.1} degrees, azimuth {azimuth:.1} degrees");
+    let wavelengths: Vec<_> = metadata.wavelengths_um.iter().map(f64::to_string).collect();
     say!(
         "target           {} km high, at {} um",
         metadata.target_altitude_km,
-        metadata.wavelength_um
+        wavelengths.join(" and ")
     );
     say!("voxels           {dx} x {dy} x {} km", levels.spacing_km);
     say!("levels           {} from {} to {top} km", levels.count, levels.bottom_km);
@@ -107,7 +108,15 @@ fn print_report(report: &Report<&WeightsMetadata>) {
     say!("channels         {}", runs(&metadata.architecture.channels));
     say!("receptive field  {0} x {0} pixels", report.receptive_field);
     say!("input            radiance (sr-1) x {}", metadata.input_scale);
-    say!("output           {} (km-1) / {}", outputs(&metadata.outputs), metadata.output_scale);
+    let (radius, others): (Vec<_>, Vec<_>) = metadata
+        .outputs
+        .iter()
+        .copied()
+        .partition(|output| *output == NetworkOutput::EffectiveRadius);
+    say!("output           {} (km-1) / {}", outputs(&others), metadata.output_scale);
+    if let Some(scale) = metadata.effective_radius_scale {
+        say!("                 {} (um) / {scale}", outputs(&radius));
+    }
     say!("trained on       {}, {} samples", training.data, training.samples);
     say!("data identity    {}", training.identity);
     say!("written by       {}", metadata.program);

@@ -3,10 +3,11 @@
 //! general network is written by `python -m weights_tools.fixture`.
 
 use deepct_core::conv::{Algorithm, Kernel, Settings};
-use deepct_core::image::{ImagingGeometry, ViewGeometry};
+use deepct_core::image::{ImagingGeometry, ViewGeometry, ViewStack};
 use deepct_core::io::{read_trained_weights, read_weights};
 use deepct_core::math::DVec3;
-use deepct_core::network::{GeneralWeights, Network, TrainedWeights};
+use deepct_core::network::{BandImages, GeneralWeights, Network, TrainedWeights};
+use ndarray::{Array4, Axis};
 use safetensors::SafeTensors;
 use std::path::{Path, PathBuf};
 
@@ -44,7 +45,7 @@ fn compare(name: &str) {
             let expected = floats(answer.data());
             let mut found = vec![f32::NAN; expected.len()];
             let mut scratch = network.scratch(size).unwrap();
-            let input = images(network.views() * size[1] * size[2]);
+            let input = images(network.metadata().images() * size[1] * size[2]);
             network.run(&input, &mut found, &mut scratch).unwrap();
             let largest = expected.iter().fold(0.0_f32, |most, value| most.max(value.abs()));
             let differences = found.iter().zip(&expected).map(|(a, b)| (a - b).abs());
@@ -70,6 +71,63 @@ fn odd_channels_without_a_last_relu() {
 #[test]
 fn images_on_planes() {
     compare("planes");
+}
+
+#[test]
+fn images_of_two_bands_on_planes() {
+    compare("bands");
+}
+
+/// The estimate from the observations of two bands has the effective radius of PyTorch, within its
+/// limits, where there is extinction.
+#[test]
+fn an_estimate_from_two_bands_has_an_effective_radius() {
+    let weights = read_weights(fixture("bands.safetensors")).unwrap();
+    let network = Network::new(&weights).unwrap();
+    let metadata = network.metadata();
+    let (rows, cols, views) = (31, 45, metadata.views());
+    let values = Array4::from_shape_vec((2, views, rows, cols), images(2 * views * rows * cols));
+    let values = values.unwrap();
+    let stacks = [0, 1].map(|band| ViewStack::new(values.index_axis(Axis(0), band).to_owned()));
+    let geometries = [0, 1].map(|band| ImagingGeometry {
+        views: metadata.view_geometry.clone(),
+        target_km: [0.0, 0.0, metadata.target_altitude_km],
+        wavelength_um: metadata.wavelengths_um[band],
+        solar_irradiance: 1.0,
+        shifts: Vec::new(),
+    });
+    let stacks = stacks.map(Result::unwrap);
+    let band =
+        |number: usize| BandImages { images: &stacks[number], geometry: &geometries[number] };
+    let grid = network.grid([0.0, 0.0], [rows, cols]).unwrap();
+    let estimate = network.estimate_bands(&grid, &[band(0), band(1)]).unwrap();
+    let bytes = std::fs::read(fixture("bands.answers.safetensors")).unwrap();
+    let answers = SafeTensors::deserialize(&bytes).unwrap();
+    let expected = floats(answers.tensor("31x45").unwrap().data());
+    let (extinction, radius) = expected.split_at(expected.len() / 2);
+    let found = estimate.effective_radius.unwrap();
+    let (mut limited, mut inside) = (0, 0);
+    for ((found, radius), extinction) in found.values.iter().zip(radius).zip(extinction) {
+        // Where PyTorch's extinction is barely positive, that in single precision may be 0.
+        if *extinction > 1e-5 {
+            let radius = 10.0 * radius;
+            assert!((found - radius.clamp(1.0, 25.0)).abs() < 1e-4, "{found} {radius}");
+            match (1.0..25.0).contains(&radius) {
+                true => inside += 1,
+                false => limited += 1,
+            }
+        }
+    }
+    let pairs = found.values.iter().zip(&estimate.extinction.values);
+    assert!(pairs.into_iter().all(|(radius, extinction)| (*radius > 0.0) == (*extinction > 0.0)));
+    assert!(limited > 100 && inside > 100, "{limited} {inside}");
+
+    let text = |bands: &[BandImages]| network.estimate_bands(&grid, bands).unwrap_err().to_string();
+    let one = text(&[band(0)]);
+    let problem = "number of bands: expected 2 (0.672 and 2.13 um), found 1 (0.672 um)";
+    assert!(one.contains(problem) && one.contains("at 0.672 and 2.13 um, in this order"), "{one}");
+    let order = text(&[band(1), band(0)]);
+    assert!(order.contains("wavelength of band 0: expected 0.6720 um, found 2.1300 um"), "{order}");
 }
 
 /// A geometry of the fixture of the general network.

@@ -1,4 +1,4 @@
-//! `Estimate`: an extinction field with its uncertainty, by a network or from a file.
+//! `Estimate`: an extinction field with further quantities, by a network or from a file.
 
 use crate::array::{Placed, copied, give, volume};
 use crate::error::raise;
@@ -15,7 +15,8 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use std::path::PathBuf;
 
-/// An extinction field, with its uncertainty if that is known: the contents of a file of a volume.
+/// An extinction field, with its uncertainty and the effective radius if they are known: the contents of
+/// a file of a volume.
 ///
 /// Parameters
 /// ----------
@@ -27,6 +28,8 @@ use std::path::PathBuf;
 ///     Expected absolute error of the extinction of each voxel (1/km).
 /// light : Light, optional
 ///     Scene illumination of the images.
+/// effective_radius : array, [z, y, x], optional
+///     Effective radius (um); it has no meaning where there is no extinction.
 /// lineage : Lineage, optional
 ///     Its time and history. Default: unknown.
 #[pyclass(frozen, module = "deepct_py")]
@@ -41,6 +44,10 @@ pub(crate) struct Estimate {
     /// [z, y, x]; None if it is unknown.
     #[pyo3(get)]
     uncertainty: Option<Py<PyArray3<f32>>>,
+    /// Effective radius (um), 0 where there is no extinction: numpy.ndarray, float32, [z, y, x]; None if
+    /// it is unknown.
+    #[pyo3(get)]
+    effective_radius: Option<Py<PyArray3<f32>>>,
     /// Scene illumination of the images; None if it is unknown.
     #[pyo3(get)]
     light: Option<Light>,
@@ -53,19 +60,23 @@ record!(@volume Estimate);
 
 impl Record for Estimate {
     fn arguments<'py>(of: &Bound<'py, Self>) -> PyResult<Bound<'py, PyDict>> {
-        attributes(of.as_any(), &["grid", "extinction", "uncertainty", "light", "lineage"])
+        let names = ["grid", "extinction", "uncertainty", "light", "effective_radius", "lineage"];
+        attributes(of.as_any(), &names)
     }
 }
 
 #[pymethods]
 impl Estimate {
     #[new]
-    #[pyo3(signature = (grid, extinction, uncertainty = None, light = None, *, lineage = None))]
+    #[pyo3(signature = (
+        grid, extinction, uncertainty = None, light = None, *, effective_radius = None, lineage = None,
+    ))]
     fn new(
         grid: Grid,
         extinction: &Bound<'_, PyAny>,
         uncertainty: Option<&Bound<'_, PyAny>>,
         light: Option<Light>,
+        effective_radius: Option<&Bound<'_, PyAny>>,
         lineage: Option<Lineage>,
     ) -> PyResult<Self> {
         let py = extinction.py();
@@ -78,14 +89,19 @@ impl Estimate {
         };
         let name = "extinction";
         let extinction = values(field::extinction(extinction, name, &in_light)?, name)?;
-        let name = "uncertainty";
-        let uncertainty = uncertainty.map(|object| values(volume(object, name)?, name));
-        let estimate = network::Estimate { extinction, uncertainty: uncertainty.transpose()? };
+        let of = |object: Option<&Bound<'_, PyAny>>, name| {
+            object.map(|object| values(volume(object, name)?, name)).transpose()
+        };
+        let estimate = network::Estimate {
+            extinction,
+            uncertainty: of(uncertainty, "uncertainty")?,
+            effective_radius: of(effective_radius, "effective_radius")?,
+        };
         Ok(Self::give(py, estimate, light, lineage.unwrap_or_default()))
     }
 
     /// The extinction in a data set of xarray with the variables of a file of a volume: `extinction`
-    /// and, if it is known, `uncertainty`. Coordinates may descend.
+    /// and, if they are known, `uncertainty` and `reff`. Coordinates may descend.
     #[staticmethod]
     fn from_dataset(dataset: &Bound<'_, PyAny>) -> PyResult<Self> {
         let py = dataset.py();
@@ -106,6 +122,7 @@ impl Estimate {
         let estimate = network::Estimate {
             extinction: on_grid(&self.extinction)?,
             uncertainty: self.uncertainty.as_ref().map(on_grid).transpose()?,
+            effective_radius: self.effective_radius.as_ref().map(on_grid).transpose()?,
         };
         let images = self.light.as_ref().map(Light::of_no_images);
         let provenance = provenance(title, &self.lineage);
@@ -132,6 +149,7 @@ impl Estimate {
             grid: Grid(estimate.extinction.grid),
             extinction: give(py, estimate.extinction.values),
             uncertainty: estimate.uncertainty.map(|values| give(py, values.values)),
+            effective_radius: estimate.effective_radius.map(|values| give(py, values.values)),
             light,
             lineage,
         }

@@ -10,7 +10,7 @@ use crate::grid::Grid;
 use crate::light::{Light, warn, warn_of_neglected};
 use crate::lineage::Lineage;
 use crate::network::NetworkChoice;
-use crate::observation::{Given, observations};
+use crate::observation::{Given, first_band, observations};
 use crate::record::{Record, attributes, record};
 use crate::view::ViewSequence;
 use deepct_core::carve::{CarveSettings, carve};
@@ -618,14 +618,6 @@ pub(crate) fn hybrid<'py>(
         }
         inversion::hybrid(problem, &network, models, settings, watch)
     })
-}
-
-/// The images of the first band, where there are several.
-fn first_band<'py>(radiance: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
-    match radiance.extract::<Vec<Bound<'py, crate::observation::Observation>>>() {
-        Ok(bands) if !bands.is_empty() => Ok(bands[0].clone().into_any()),
-        _ => Ok(radiance.clone()),
-    }
 }
 
 fn keywords(py: Python<'_>, settings: Option<&Bound<'_, PyDict>>) -> PyResult<InversionSettings> {

@@ -7,13 +7,14 @@ use crate::field;
 use crate::grid::Grid;
 use crate::light::{Light, warn};
 use crate::lineage::Lineage;
-use crate::observation::{Given, observation};
+use crate::observation::{Given, first_band, observation, observations};
 use crate::record::{Record, record};
 use crate::view::ViewSequence;
 use deepct_core::grid::Mask;
-use deepct_core::network::{self, Estimator, TrainedWeights};
+use deepct_core::inversion::network_estimate;
+use deepct_core::network::{Estimator, TrainedWeights};
 use deepct_core::scene::{self, Observation, View, imaging_geometry};
-use deepct_core::{Error, Result, io};
+use deepct_core::{Error, io};
 use numpy::PyArray3;
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
@@ -203,8 +204,9 @@ impl Network {
     ///
     /// Parameters
     /// ----------
-    /// radiance : Observation, array [view, row, col], str or path
-    ///     Images (1/sr).
+    /// radiance : Observation, array [view, row, col], str or path, or list of Observation
+    ///     Images (1/sr). Weights for several bands need a list with the images of each band, in the order
+    ///     of `metadata["wavelength_um"]`, or a file with a dimension wavelength.
     /// views : Views or sequence of View, optional
     ///     The camera geometry of each image, unless the images are an observation.
     /// light : Light, optional
@@ -220,7 +222,7 @@ impl Network {
     /// Returns
     /// -------
     /// Estimate
-    ///     The extinction and, if the network estimates it, its uncertainty.
+    ///     The extinction and, if the network estimates them, its uncertainty and the effective radius.
     ///
     /// Raises
     /// ------
@@ -245,27 +247,33 @@ impl Network {
         grid: Option<Grid>,
     ) -> PyResult<Estimate> {
         let py = radiance.py();
-        let observation = self.observation(radiance, views, light)?;
+        let bands = self.observations(radiance, views, light)?;
         let masked = mask.map(|values| field::mask(values, "mask")).transpose()?;
         let (mut estimate, unusual) = quickly(py, || {
-            let estimate = self.estimate_on(&observation, grid.as_ref())?;
-            let ideal = observation.on_ideal_cameras()?;
-            let geometry = ideal.imaging_geometry()?;
-            let unusual = self.estimator.unusual(&ideal.images, &geometry, &estimate)?;
+            let grid = grid.as_ref().map(|grid| &grid.0);
+            let estimate = network_estimate(&self.estimator, &bands, grid)?;
+            let mut unusual = Vec::new();
+            for band in &bands {
+                let ideal = band.on_ideal_cameras()?;
+                let geometry = ideal.imaging_geometry()?;
+                unusual.extend(self.estimator.unusual(&ideal.images, &geometry, &estimate)?);
+            }
             Ok((estimate, unusual))
         })?;
         if let Some(masked) = masked {
             let grid = estimate.extinction.grid;
             let mask = Mask::new(grid, masked.on(grid)?).map_err(raise)?;
-            mask.apply(&mut estimate.extinction).map_err(raise)?;
-            let uncertainty = estimate.uncertainty.as_mut();
-            uncertainty.map_or(Ok(()), |values| mask.apply(values)).map_err(raise)?;
+            estimate.apply(&mask).map_err(raise)?;
         }
         for unusual in unusual {
             warn(py, &format!("the network was not trained on such images: {unusual}"))?;
         }
-        let light = Light { core: observation.light, assumed: observation.assumed };
-        Ok(Estimate::give(py, estimate, Some(light), Lineage::after(radiance, "infer")?))
+        let Some(Observation { light, assumed, .. }) = bands.into_iter().next() else {
+            return Err(raise(Error::out_of_range("number of bands", 0, "at least 1")));
+        };
+        let light = Light { core: light, assumed };
+        let lineage = Lineage::after(&first_band(radiance)?, "infer")?;
+        Ok(Estimate::give(py, estimate, Some(light), lineage))
     }
 
     /// The extinction of `estimate`, with the same parameters.
@@ -306,9 +314,12 @@ impl Network {
         light: Option<Light>,
         grid: Option<Grid>,
     ) -> PyResult<BTreeMap<String, f64>> {
-        let observation = self.observation(radiance, views, light)?;
+        let given = Given { views, light, standard_error: None, saturated: None };
+        let observation = observation(radiance, given, |_| self.default_light())?;
         quickly(radiance.py(), || {
-            let estimate = self.estimate_on(&observation, grid.as_ref())?;
+            let one = std::slice::from_ref(&observation);
+            let estimate =
+                network_estimate(&self.estimator, one, grid.as_ref().map(|grid| &grid.0))?;
             let ideal = observation.on_ideal_cameras()?;
             self.estimator.image_statistics(&ideal.images, &ideal.imaging_geometry()?, &estimate)
         })
@@ -354,28 +365,18 @@ impl Network {
         self.estimator.clone()
     }
 
-    /// The images of an argument, for this network.
-    fn observation(
+    /// The images of each band of an argument, for this network.
+    fn observations(
         &self,
         radiance: &Bound<'_, PyAny>,
         views: Option<ViewSequence>,
         light: Option<Light>,
-    ) -> PyResult<Observation> {
+    ) -> PyResult<Vec<Observation>> {
         let given = Given { views, light, standard_error: None, saturated: None };
-        observation(radiance, given, |_| self.default_light())
+        observations(radiance, given, |_| self.default_light())
     }
 
-    fn estimate_on(
-        &self,
-        observation: &Observation,
-        grid: Option<&Grid>,
-    ) -> Result<network::Estimate> {
-        let grid = grid.map(|grid| &grid.0);
-        let observation = observation.on_ideal_cameras()?;
-        self.estimator.estimate(&observation.images, &observation.imaging_geometry()?, grid)
-    }
-
-    fn grid_of(&self, views: &[View]) -> Result<deepct_core::grid::Grid> {
+    fn grid_of(&self, views: &[View]) -> deepct_core::Result<deepct_core::grid::Grid> {
         let geometry = imaging_geometry(&scene::Light::default(), views)?;
         self.estimator.grid(&geometry, [views[0].rows, views[0].cols])
     }

@@ -303,6 +303,14 @@ pub(crate) fn observations(
     }
 }
 
+/// The images of the first band, where there are several.
+pub(crate) fn first_band<'py>(radiance: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
+    match radiance.extract::<Vec<Bound<'py, Observation>>>() {
+        Ok(bands) if !bands.is_empty() => Ok(bands[0].clone().into_any()),
+        _ => Ok(radiance.clone()),
+    }
+}
+
 /// The images of a file with several bands.
 fn several_bands(radiance: &Bound<'_, PyAny>) -> PyResult<Option<Vec<scene::Observation>>> {
     let Ok(path) = radiance.extract::<PathBuf>() else { return Ok(None) };

@@ -256,7 +256,7 @@ fn content_of(
         let on_grid =
             |values| self::extinction(&values, "uncertainty", Some(extinction.grid), &light);
         let uncertainty = uncertainty.map(on_grid).transpose()?;
-        Ok::<_, PyErr>(Estimate { extinction, uncertainty })
+        Ok::<_, PyErr>(Estimate { uncertainty, ..extinction.into() })
     });
     let (estimate, mask) = (estimate.transpose()?, mask.transpose()?);
     Ok(Drawing::Field(Box::new(Field { estimate, mask, has_droplets: false })))

@@ -1,5 +1,6 @@
 """Images of several bands: several observations, or one file with a dimension of the wavelength."""
 
+import json
 import pickle
 import subprocess
 
@@ -62,6 +63,65 @@ def test_hybrid_starts_from_the_first_band(bands, file, tmp_path):
         errors = result[f"{name}_standard_error"].values
         assert errors.shape == grid.shape and errors.max() > 0
         assert (errors[result["mask"].values == 0] == 0).all()
+
+
+def weights(views, bands, levels):
+    """The contents of a weights file for the bands, of one layer with random kernels, with the effective
+    radius as the second output."""
+    geometry = bands[0].views
+    shape = (2 * levels, len(bands) * len(views), 3, 3)
+    random = np.random.default_rng(1)
+    layers = {"layers.0.weight": random.normal(0.0, 0.1, shape), "layers.0.bias": np.full(shape[0], 0.3)}
+    metadata = {
+        "format_version": 5,
+        "formation": "three of cloudct-10",
+        "architecture": {"channels": [shape[1], shape[0]], "last_relu": True},
+        "view_geometry": {
+            "sun_zenith_deg": bands[0].light.sun[0],
+            "sun_azimuth_deg": bands[0].light.sun[1],
+            "view_zenith_deg": [view.zenith_deg for view in geometry],
+            "view_azimuth_deg": [view.azimuth_deg for view in geometry],
+            "pixel_km": [view.pixel_km for view in geometry],
+            "camera_distance_km": [float(np.linalg.norm(np.subtract(view.position, view.target)))
+                                   for view in geometry],
+        },
+        "target_altitude_km": geometry[0].target[2],
+        "wavelength_um": [band.light.wavelength for band in bands],
+        "image_layout": "camera",
+        "horizontal_spacing_km": [0.05, 0.05],
+        "levels": {"bottom_km": 0.5, "count": levels, "spacing_km": 0.04},
+        "outputs": ["extinction", "effective_radius"],
+        "input_scale": 10.0, "output_scale": 20.0, "effective_radius_scale": 15.0,
+        "training": {"data": "none", "identity": "none", "samples": 0, "seed": 0},
+        "scores": {}, "program": "a test", "configuration": None,
+    }
+    header, data = {"__metadata__": {"deepct": json.dumps(metadata)}}, b""
+    for name, values in layers.items():
+        start, data = len(data), data + values.astype("<f4").tobytes()
+        header[name] = {"dtype": "F32", "shape": values.shape, "data_offsets": [start, len(data)]}
+    text = json.dumps(header).encode()
+    return len(text).to_bytes(8, "little") + text + data
+
+
+def test_a_network_estimates_the_effective_radius_from_a_list(bands):
+    _, images = bands
+    network = deepct_py.Network(weights(images[0].views, images, 4))
+    estimate = network.estimate(images)
+    cloudy = estimate.extinction > 0
+    assert 0 < cloudy.sum() < cloudy.size
+    assert ((estimate.effective_radius > 0) == cloudy).all()
+    assert 1 <= estimate.effective_radius[cloudy].min() < estimate.effective_radius.max() <= 25
+    np.testing.assert_array_equal(network.infer(images), estimate.extinction)
+    again = deepct_py.Estimate.from_dataset(estimate.to_xarray())
+    np.testing.assert_array_equal(again.effective_radius, estimate.effective_radius)
+    masked = network.estimate(images, mask=cloudy & (np.indices(cloudy.shape)[1] < 2))
+    assert (masked.effective_radius[:, 2:] == 0).all() and masked.effective_radius.any()
+    result = deepct_py.hybrid(images, network=network, iterations=1, corrections=1, radius="field")
+    assert result.effective_radius.shape == estimate.effective_radius.shape
+    with pytest.raises(ValueError, match=r"expected 2 \(0.672 and 2.13 um\), found 1 \(0.672 um\)"):
+        network.estimate(images[0])
+    with pytest.raises(ValueError, match="number of bands: expected 1"):
+        deepct_py.Network.load("general").estimate(images)
 
 
 def test_other_commands_need_one_band(file):

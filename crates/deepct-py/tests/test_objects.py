@@ -32,7 +32,8 @@ def objects():
         rendering.replace(light=Light()), grid=grid, truth=cloud, iterations=1, coarse=[],
         corrections=1, mask=np.ones(grid.shape, int), probes=0,
     )
-    estimate = deepct_py.Estimate(grid, cloud.extinction, 0.1 * cloud.extinction, light)
+    estimate = deepct_py.Estimate(grid, cloud.extinction, 0.1 * cloud.extinction, light,
+                                  effective_radius=cloud.effective_radius)
     looking_up = View.orthographic(130.7, 33.3, grid.center, 0.05, looks_up=True)
     pairs = [
         (grid, Grid((4, 8, 8), (0.05, 0.05, 0.04))),

@@ -73,7 +73,11 @@ def _parser() -> argparse.ArgumentParser:
         "--simulations", type=Path, help="folder of simulations, for a general network"
     )
     train.add_argument("--out", type=Path, required=True, help="folder of checkpoints and curves")
-    train.add_argument("--start", type=Path, help="checkpoint with the initial parameters")
+    train.add_argument(
+        "--start",
+        type=Path,
+        help="checkpoint with the initial parameters, or a weights file, also of fewer bands",
+    )
     train.add_argument("--minutes", type=_positive, help="maximum total duration of the training")
     train.add_argument("--threads", type=_count, help="CPU threads of each process (default: all)")
     general = train.add_argument_group("general networks")
@@ -294,7 +298,8 @@ def _train(options: argparse.Namespace) -> int:
     from weights_tools.training import Training
 
     recipe = load_recipe(options.recipe)
-    data = load_dataset(options.dataset, recipe.formation)
+    radius = recipe.network.effective_radius
+    data = load_dataset(options.dataset, recipe.formation, effective_radius=radius)
     with processes() as ours:
         report = partial(print, flush=True) if ours.first else lambda line: None
         training = Training(recipe, data, options.out, ours, options.start)

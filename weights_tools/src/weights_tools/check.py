@@ -19,7 +19,8 @@ from safetensors import SafetensorError, safe_open
 from weights_tools.errors import InputError
 from weights_tools.export import GET_ONNX, is_onnx, load_network, onnx_graph
 from weights_tools.files import regular_file
-from weights_tools.model import Network
+from weights_tools.lift import wavelengths_of
+from weights_tools.model import RADII, Network
 from weights_tools.program import run_program
 
 SAME = 1e-5
@@ -48,8 +49,9 @@ class Engine(NamedTuple):
     tolerance: float
     """Tolerance of the error relative to the largest value."""
     run: Callable[[np.ndarray, dict[str, Any]], np.ndarray]
-    """Function of images ``[view, row, col]`` (1/sr) and the metadata of the weights. It returns
-    all outputs (1/km), concatenated along the first axis."""
+    """Function of images ``[view, row, col]`` (1/sr), the views of the first band, then those of
+    the next one, and the metadata of the weights. It returns all outputs (1/km; um), concatenated
+    along the first axis."""
     settings: str = ""
     """The settings that differ from the defaults of the library, and the reason."""
 
@@ -88,11 +90,24 @@ def check(
     random = np.random.default_rng(seed)
     errors = []
     for rows, cols in SIZES:
-        shape = (len(metadata["view_geometry"]["pixel_km"]), rows, cols)
+        views = len(metadata["view_geometry"]["pixel_km"])
+        shape = (len(wavelengths_of(metadata)) * views, rows, cols)
         radiance = (0.3 * random.random(shape) ** 2).astype(np.float32)
         found = engine.run(radiance, metadata).astype(np.float64)
-        errors.append(_relative(found, answer(network, radiance, metadata)))
+        outputs = found, answer(network, radiance, metadata)
+        errors.append(_relative(*(_comparable(values, metadata) for values in outputs)))
     return errors
+
+
+def _comparable(outputs: np.ndarray, metadata: dict[str, Any]) -> np.ndarray:
+    """Outputs of which the effective radius, which begins abruptly where the extinction does, is
+    multiplied by the extinction over its largest value."""
+    if "effective_radius" not in metadata.get("outputs", ()):
+        return outputs
+    levels = metadata["levels"]["count"]
+    extinction = outputs[:levels]
+    radius = outputs[-levels:] * extinction / (extinction.max() or 1.0)
+    return np.concatenate([outputs[:-levels], radius])
 
 
 def _relative(found: np.ndarray, expected: np.ndarray) -> float:
@@ -102,7 +117,7 @@ def _relative(found: np.ndarray, expected: np.ndarray) -> float:
 
 
 def answer(network: Network, radiance: np.ndarray, metadata: dict[str, Any]) -> np.ndarray:
-    """All outputs of PyTorch (1/km) for images ``[view, row, col]``, computed in float64.
+    """All outputs of PyTorch (1/km; um) for images ``[view, row, col]``, computed in float64.
 
     The float32 parameters of ``network`` are unchanged. The sums have no float32 rounding errors,
     so that a difference is due to the rounding errors of the other engine only.
@@ -110,7 +125,13 @@ def answer(network: Network, radiance: np.ndarray, metadata: dict[str, Any]) -> 
     images = torch.from_numpy(radiance * np.float32(metadata["input_scale"])).double()
     with torch.no_grad():
         output = copy.deepcopy(network).double()(images[None])[0]
-    return output.numpy() * metadata["output_scale"]
+    outputs = output.numpy() * metadata["output_scale"]
+    if "effective_radius" in metadata.get("outputs", ()):
+        levels = metadata["levels"]["count"]
+        scale = metadata["effective_radius_scale"] / metadata["output_scale"]
+        radius = (scale * outputs[-levels:]).clip(*RADII)
+        outputs[-levels:] = np.where(outputs[:levels] > 0.0, radius, 0.0)
+    return outputs
 
 
 def weights_metadata(path: str | Path) -> dict[str, Any]:
@@ -128,9 +149,11 @@ def weights_metadata(path: str | Path) -> dict[str, Any]:
 
 
 def write_images(path: Path, radiance: np.ndarray, metadata: dict[str, Any]) -> None:
-    """Write images ``[view, row, col]`` that ``deepct`` can read, with the views of the weights."""
-    geometry = metadata["view_geometry"]
-    views = len(radiance)
+    """Write images ``[view, row, col]`` that ``deepct`` can read, with the views of the weights;
+    those of several bands, one after the other, on the dimension ``wavelength``."""
+    geometry, wavelengths = metadata["view_geometry"], wavelengths_of(metadata)
+    views = len(radiance) // len(wavelengths)
+    images = ("view", "row", "col")
     zenith, azimuth = (
         np.radians(geometry["view_zenith_deg"]),
         np.radians(geometry["view_azimuth_deg"]),
@@ -153,20 +176,26 @@ def write_images(path: Path, radiance: np.ndarray, metadata: dict[str, Any]) -> 
         "pixel_tangent": geometry["pixel_km"] / distance,
         "pixel_km": geometry["pixel_km"],
     }
-    lengths = dict(zip(("view", "row", "col"), radiance.shape), component=3)
+    lengths = dict(zip(images, (views, *radiance.shape[1:])), component=3)
     with h5py.File(path, "w") as file:
         for name, length in lengths.items():
             file[name] = np.arange(length)
             file[name].make_scale(name)
+        if len(wavelengths) > 1:
+            file["wavelength"] = wavelengths
+            file["wavelength"].make_scale("wavelength")
+            images = ("wavelength", *images)
+            radiance = radiance.reshape(len(wavelengths), views, *radiance.shape[1:])
+        else:
+            file["wavelength"] = float(wavelengths[0])
         file["radiance"] = radiance
-        _on(file, "radiance", "view", "row", "col")
+        _on(file, "radiance", *images)
         for name, values in by_view.items():
             file[name] = values
             _on(file, name, *("view", "component")[: file[name].ndim])
         file["sun_zenith_deg"] = float(geometry["sun_zenith_deg"])
         file["sun_azimuth_deg"] = float(geometry["sun_azimuth_deg"])
         file["sun_irradiance"] = 1.0
-        file["wavelength"] = float(metadata["wavelength_um"])
 
 
 def _on(file: h5py.File, name: str, *dimensions: str) -> None:
@@ -227,4 +256,5 @@ def _infer(
         run_program(command)
         with h5py.File(volume, "r") as file:
             outputs = metadata.get("outputs", ["extinction"])
-            return np.concatenate([file[name][...] for name in outputs])
+            names = {"effective_radius": "reff"}
+            return np.concatenate([file[names.get(name, name)][...] for name in outputs])

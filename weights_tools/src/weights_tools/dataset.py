@@ -97,13 +97,27 @@ def _direction(zenith_deg: float, azimuth_deg: float) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Samples:
-    """Clouds and their images: extinction ``[n, z, y, x]``, radiance ``[n, view, row, col]``."""
+    """Clouds and their images."""
 
-    extinction: Tensor
+    volumes: Tensor
+    """Extinction ``[n, z, y, x]`` (1/km), or ``[n, 2, z, y, x]`` with, second, its product with the
+    effective radius (um/km). Where clouds are added, both are sums, and the quotient is the
+    effective radius of all droplets."""
     radiance: Tensor
+    """``[n, view, row, col]`` (1/sr): the views of the first band, then those of the next one."""
 
     def __len__(self) -> int:
-        return len(self.extinction)
+        return len(self.volumes)
+
+    @property
+    def extinction(self) -> Tensor:
+        """``[n, z, y, x]`` (1/km)."""
+        return first_volume(self.volumes)
+
+
+def first_volume(volumes: Tensor) -> Tensor:
+    """The extinction of clouds, which may be the first of several quantities."""
+    return volumes if volumes.ndim == 4 else volumes[:, 0]
 
 
 @dataclass(frozen=True)
@@ -112,12 +126,13 @@ class Dataset:
 
     formation: str
     geometry: ViewGeometry
-    wavelength_um: float
+    wavelengths_um: tuple[float, ...]
+    """The wavelength of each band."""
     train: Samples
     validation: Samples
     folder: Path
     views: tuple[int, ...]
-    """The indices of these views among those of the images in the folder."""
+    """The indices of these views among those of a band in the folder."""
     manifest: dict[str, Any]
     identity: str
     """SHA-256 of the manifest, which contains the SHA-256 of every sample."""
@@ -142,6 +157,11 @@ class Dataset:
         return self.train.extinction.shape[1]
 
     @property
+    def image_geometry(self) -> ViewGeometry:
+        """The geometry of all images: that of the views, for each band."""
+        return self.geometry.select([*range(len(self.geometry))] * len(self.wavelengths_um))
+
+    @property
     def voxel_spacing_km(self) -> tuple[float, float, float]:
         dx, dy, dz = self.manifest["voxel_spacing_km"]
         return dx, dy, dz
@@ -151,12 +171,14 @@ def load_dataset(
     folder: str | Path,
     formation: str | None = None,
     required: Sequence[str] = ("train", "validation"),
+    effective_radius: bool = False,
 ) -> Dataset:
     """Load the samples of a folder written by ``deepct dataset generate``.
 
     ``formation`` selects the views: the formation of the folder itself (or ``None``), or
     ``cloudct-10`` from any folder that contains its ten directions. Splits that are not in
-    ``required``, which names at least one, may be empty.
+    ``required``, which names at least one, may be empty. With ``effective_radius``, the volumes
+    include it.
 
     Raises :class:`InputError` if the manifest is missing or incomplete, if a sample is missing,
     damaged, of the wrong shape or has impossible values, and if the folder lacks a view.
@@ -169,26 +191,26 @@ def load_dataset(
     for sample in manifest["samples"]:
         if sample["split"] not in splits:
             continue
-        extinction, radiance = _read_sample(folder, sample, manifest, len(geometry))
-        splits[sample["split"]].append((extinction, radiance[views]))
+        volumes, radiance = _read_sample(folder, sample, manifest, len(geometry), effective_radius)
+        splits[sample["split"]].append((volumes, radiance[:, views].flatten(0, 1)))
     for split in required:
         if not splits[split]:
             raise InputError(folder / "manifest.json", f"has no {split} sample", _REMEDY)
-    shape = (manifest["levels"]["count"], *manifest["image_shape"])
-    none = Samples(torch.zeros(0, *shape), torch.zeros(0, len(views), *shape[1:]))
+    # Values that all samples have in common, but that the manifest does not contain.
+    first = next(sample for sample in manifest["samples"] if sample["split"] in splits)
+    distances, wavelengths_um = _cameras(folder / first["file"], len(geometry))
+    some = next(samples[0] for samples in splits.values() if samples)
+    none = Samples(*(torch.zeros(0, *part.shape) for part in some))
     train, validation = (
         Samples(*(torch.stack(part) for part in zip(*splits[split]))) if splits[split] else none
         for split in ("train", "validation")
     )
     name = formation or manifest["formation"]
-    # Values that all samples have in common, but that the manifest does not contain.
-    first = next(sample for sample in manifest["samples"] if sample["split"] in splits)
-    distances, wavelength_um = _cameras(folder / first["file"], len(geometry))
     geometry = replace(geometry, camera_distance_km=distances)
     return Dataset(
         name,
         geometry.select(views),
-        wavelength_um,
+        wavelengths_um,
         train,
         validation,
         folder,
@@ -232,18 +254,18 @@ def _geometry(manifest: dict[str, Any], path: Path) -> ViewGeometry:
     return ViewGeometry(geometry["sun_zenith_deg"], geometry["sun_azimuth_deg"], **lists)
 
 
-def _cameras(path: Path, views: int) -> tuple[tuple[float | None, ...], float]:
-    """The camera distances from the target (km) and the wavelength (um) of a sample."""
+def _cameras(path: Path, views: int) -> tuple[tuple[float | None, ...], tuple[float, ...]]:
+    """The camera distances from the target (km) and the wavelengths (um) of a sample."""
     with h5py.File(path, "r") as file:
         missing = sorted({"camera_position", "target", "wavelength"} - set(file))
         if missing:
             raise InputError(path, f"has no variable {missing[0]}", _REMEDY)
         offsets = file["camera_position"][...] - file["target"][...]
-        wavelength_um = float(file["wavelength"][()])
+        wavelengths_um = tuple(np.atleast_1d(file["wavelength"][()]).astype(float).tolist())
     if offsets.shape != (views, 3):
         raise InputError(path, f"camera_position is not of {views} views", _REMEDY)
     distances = np.linalg.norm(offsets, axis=1)
-    return tuple(float(at) if math.isfinite(at) else None for at in distances), wavelength_um
+    return tuple(float(at) if math.isfinite(at) else None for at in distances), wavelengths_um
 
 
 def _views(geometry: ViewGeometry, has: str, wants: str | None, path: Path) -> list[int]:
@@ -259,31 +281,39 @@ def _views(geometry: ViewGeometry, has: str, wants: str | None, path: Path) -> l
 
 
 def _read_sample(
-    folder: Path, sample: dict[str, Any], manifest: dict[str, Any], views: int
+    folder: Path,
+    sample: dict[str, Any],
+    manifest: dict[str, Any],
+    views: int,
+    effective_radius: bool,
 ) -> tuple[Tensor, Tensor]:
+    """The volumes of :class:`Samples`, and the radiance ``[band, view, row, col]``."""
     path = folder / sample["file"]
     content = read_file(path, _REMEDY)
     if hashlib.sha256(content).hexdigest() != sample["sha256"]:
         problem = "is not the file that the manifest names (its SHA-256 differs)"
         raise InputError(path, problem, _REMEDY)
     levels = manifest["levels"]["count"]
+    names = ["extinction", "radiance", *["reff"][: int(effective_radius)]]
     try:
         with h5py.File(io.BytesIO(content), "r") as file:
-            extinction = _read_variable(file, "extinction", path)
-            radiance = _read_variable(file, "radiance", path)
+            found = {name: _read_variable(file, name, path) for name in names}
     except OSError as problem:
         raise InputError(path, f"is not a readable HDF5 file ({problem})", _REMEDY) from None
     rows, cols = manifest["image_shape"]
-    for name, values, shape in (
-        ("extinction", extinction, (levels, rows, cols)),
-        ("radiance", radiance, (views, rows, cols)),
-    ):
+    bands = len(manifest.get("configuration", {}).get("bands", ()))
+    images = (views, rows, cols) if bands < 2 else (bands, views, rows, cols)
+    for name, values in found.items():
+        shape = images if name == "radiance" else (levels, rows, cols)
         if tuple(values.shape) != shape:
             problem = f"{name} has shape {tuple(values.shape)}, not {shape}"
             raise InputError(path, problem, _REMEDY)
         if values.amax() <= 0.0:
             raise InputError(path, f"{name} is zero everywhere", "leave the sample out")
-    return extinction, radiance
+    volumes = extinction = found["extinction"]
+    if effective_radius:
+        volumes = torch.stack([extinction, extinction * found["reff"]])
+    return volumes, found["radiance"].reshape(-1, views, rows, cols)
 
 
 def _read_variable(file: h5py.File, name: str, path: Path) -> Tensor:

@@ -19,11 +19,12 @@ from weights_tools.lift import lift_of
 from weights_tools.model import Network, channels_of, network_from_state
 from weights_tools.unbiased import BIASED_SCORES, unbiased_scale
 
-FORMAT_VERSION = 3
+FORMAT_VERSION = 5
 """Version of the metadata in a weights file."""
 
 _KINDS = {
     "configuration": "any",
+    "effective_radius_scale": "number",
     "formation": "text",
     "horizontal_spacing_km": "list",
     "image_layout": "any",
@@ -45,24 +46,28 @@ _KINDS = {
     "view_geometry.sun_zenith_deg": "number",
     "view_geometry.view_azimuth_deg": "list",
     "view_geometry.view_zenith_deg": "list",
-    "wavelength_um": "number",
+    "wavelength_um": "number or list",
 }
 """The metadata of a weights file and what they are."""
 
 _TYPES = {
     "list": (list,),
     "number": (int, float),
+    "number or list": (int, float, list),
     "object": (dict,),
     "text": (str,),
     "whole number": (int,),
 }
 """The types of the values of each kind; any of them for others."""
 
-_OPTIONAL = ("view_geometry.camera_distance_km",)
-"""Metadata that may be missing: the cameras are then at an unknown distance."""
+_OPTIONAL = ("view_geometry.camera_distance_km", "effective_radius_scale")
+"""Metadata that may be missing: the cameras are then at an unknown distance, and the effective
+radius is no output."""
 
-METADATA_KEYS = tuple(dict.fromkeys(name.partition(".")[0] for name in _KINDS))
-"""The metadata that a weights file requires in addition to the layers."""
+METADATA_KEYS = tuple(
+    dict.fromkeys(name.partition(".")[0] for name in _KINDS if name not in _OPTIONAL)
+)
+"""The metadata that every weights file requires in addition to the layers."""
 
 DERIVED = ("architecture", "format_version", "layers", "parameters", "program", "receptive_field")
 """What ``deepct weights inspect --json`` also prints, and what follows from the network."""

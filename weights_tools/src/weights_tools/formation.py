@@ -14,7 +14,7 @@ from weights_tools.checkpoint import write_whole
 from weights_tools.errors import InputError
 from weights_tools.files import weights_header
 from weights_tools.general import run_folded
-from weights_tools.lift import lift_of
+from weights_tools.lift import lift_of, wavelengths_of
 
 AGREEMENT = 1e-3
 """Largest difference from the estimate of ``deepct``, over the largest extinction."""
@@ -40,6 +40,9 @@ class FormationWeights(nn.Module):
             self.reference = deepct_py.Network(contents)
         except (deepct_py.DeepctError, ValueError) as problem:
             raise InputError(path, " ".join(str(problem).split()), _REMEDY) from None
+        if len(wavelengths_of(self.header)) > 1 or "effective_radius" in self.header["outputs"]:
+            problem = "is of a network for several bands or of the effective radius"
+            raise InputError(path, problem, "give weights for the extinction from one band")
         tensors = load(contents)
         self._names = sorted(tensors)
         self._values = nn.ParameterList(tensors[name] for name in self._names)

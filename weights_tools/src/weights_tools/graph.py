@@ -16,7 +16,8 @@ from torch import Tensor
 import weights_tools
 from weights_tools.errors import InputError
 from weights_tools.files import read_file
-from weights_tools.lift import Lift
+from weights_tools.lift import Lift, wavelengths_of
+from weights_tools.model import RADII
 
 OPSET = 17
 """Version of the ONNX operator set; version 16 contains all operators used here as well."""
@@ -24,7 +25,11 @@ OPSET = 17
 IR_VERSION = 8
 """Version of the file format that belongs to :data:`OPSET`; software since 2022 can read it."""
 
-UNITS = {"extinction": "1/km", "uncertainty": "1/km, the expected absolute error of extinction"}
+UNITS = {
+    "extinction": "1/km",
+    "uncertainty": "1/km, the expected absolute error of extinction",
+    "effective_radius": "um, 0 where there is no extinction",
+}
 """Units of the outputs."""
 
 _LIFT = """
@@ -150,11 +155,25 @@ float64 up to the interpolation weights. (``GridSample`` rounds positions to flo
 noticeable errors in images of a hundred pixels, and is not faster.)"""
 
 
+_RADIUS = """
+radius (float[cloud, z, y, x] raw_radius) => (float[cloud, z, y, x] effective_radius)
+{
+    scaled_radius = Mul (raw_radius, radius_scale)
+    limited_radius = Clip (scaled_radius, least_radius, most_radius)
+    is_cloud = Greater (extinction, nothing)
+    cloud = Cast <to = 1> (is_cloud)
+    effective_radius = Mul (limited_radius, cloud)
+}
+"""
+"""The limits of the effective radius, which is 0 where there is no extinction."""
+
+
 def onnx_model(
     layers: dict[str, Tensor], lift: Lift | None, header: dict[str, Any]
 ) -> onnx.ModelProto:
-    """The graph from radiance ``[cloud, view, row, col]`` (1/sr) to extinction
-    ``[cloud, z, y, x]`` (1/km), float32, for any number of clouds, rows and columns.
+    """The graph from radiance ``[cloud, view, row, col]`` (1/sr; the views of the first band, then
+    those of the next one) to extinction ``[cloud, z, y, x]`` (1/km), float32, for any number of
+    clouds, rows and columns.
 
     ``layers`` and ``header`` are the layers and the metadata of a weights file; the metadata are
     stored as JSON under ``deepct``. The graph includes the scaling and the resampling onto planes.
@@ -185,7 +204,15 @@ def onnx_model(
     scaled = "outputs" if len(outputs) > 1 else outputs[0]
     nodes.append(helper.make_node("Mul", [value, "output_scale"], [scaled]))
     if len(outputs) > 1:
-        nodes.append(helper.make_node("Split", [scaled], outputs, axis=1))
+        parts = ["raw_radius" if name == "effective_radius" else name for name in outputs]
+        nodes.append(helper.make_node("Split", [scaled], parts, axis=1))
+    if "effective_radius" in outputs:
+        scale = header["effective_radius_scale"] / header["output_scale"]
+        constants["radius_scale"] = np.float32(scale)
+        constants["nothing"] = np.float32(0.0)
+        for name, radius in zip(("least_radius", "most_radius"), RADII):
+            constants[name] = np.float32(radius)
+        nodes += onnx.parser.parse_graph(_RADIUS).node
     model = _model(nodes, constants, header)
     onnx.checker.check_model(model, full_check=True)
     return model
@@ -227,7 +254,7 @@ def _lift_constants(lift: Lift) -> dict[str, np.ndarray]:
 def _model(
     nodes: list[onnx.NodeProto], constants: dict[str, np.ndarray], header: dict[str, Any]
 ) -> onnx.ModelProto:
-    views = len(header["view_geometry"]["pixel_km"])
+    views = len(wavelengths_of(header)) * len(header["view_geometry"]["pixel_km"])
     levels = header["levels"]["count"]
     radiance = helper.make_tensor_value_info(
         "radiance",
@@ -268,9 +295,10 @@ def _description(header: dict[str, Any]) -> str:
     """A description of the model in a few sentences."""
     levels, (dx, dy) = header["levels"], header["horizontal_spacing_km"]
     top = levels["bottom_km"] + levels["count"] * levels["spacing_km"]
+    wavelengths = " and ".join(map(str, wavelengths_of(header)))
     return (
         f"Estimates the extinction of a cloud from images of the formation {header['formation']} "
-        f"at {header['wavelength_um']} um: voxels of {dx} x {dy} x {levels['spacing_km']} km, "
+        f"at {wavelengths} um: voxels of {dx} x {dy} x {levels['spacing_km']} km, "
         f"{levels['count']} levels from {levels['bottom_km']:g} to {top:g} km. The centre of each "
         f"image shows the target, at an altitude of {header['target_altitude_km']:g} km. The "
         "metadata deepct (JSON) contain the complete view geometry."

@@ -13,7 +13,8 @@ and the result does not depend on the last bit of a tangent."""
 
 
 class Lift(nn.Module):
-    """Resample images ``[n, view, row, col]`` to channels ``[n, plane * views + view, y, x]``.
+    """Resample images ``[n, view, row, col]`` to channels ``[n, plane * views + view, y, x]``,
+    where the views are those of the first band, then those of the next one.
 
     Each image is resampled bilinearly onto the horizontal plane of the target. For a plane at
     another altitude, the result is displaced by the parallax of that altitude, rounded to whole
@@ -31,12 +32,14 @@ class Lift(nn.Module):
         dx, dy = metadata["horizontal_spacing_km"]
         shift = -(altitudes[:, None] - metadata["target_altitude_km"]) * zenith.tan()
         parallax = torch.stack([shift * azimuth.cos() / dy, shift * azimuth.sin() / dx], -1)
-        self.parallax: list[list[tuple[int, int]]] = _half_away(parallax - ROUNDING).tolist()
+        bands = len(wavelengths_of(metadata))
+        whole: list[list[tuple[int, int]]] = _half_away(parallax - ROUNDING).tolist()
+        self.parallax = [plane * bands for plane in whole]
         """Displacement in rows and columns from the plane of the target, by plane and view."""
         offsets = [at for plane in self.parallax for at in plane]
         self.margin = [max(abs(at[axis]) for at in offsets) for axis in (0, 1)]
         self.spacing = (dy, dx)
-        self.cameras = _cameras(zenith, azimuth, geometry)
+        self.cameras = _cameras(zenith, azimuth, geometry).repeat(bands, 1, 1)
         self._grids: dict[tuple[Any, ...], Tensor] = {}
 
     @property
@@ -102,6 +105,12 @@ def _cameras(zenith: Tensor, azimuth: Tensor, geometry: dict[str, Any]) -> Tenso
         row = torch.linalg.cross(towards, col)
         cameras.append(torch.stack([col[:2] / pixel, row[:2] / pixel, towards[:2] / distance]))
     return torch.stack(cameras)
+
+
+def wavelengths_of(metadata: dict[str, Any]) -> list[float]:
+    """The wavelength of each band (um) in the metadata of weights."""
+    wavelengths = metadata["wavelength_um"]
+    return wavelengths if isinstance(wavelengths, list) else [wavelengths]
 
 
 def lift_of(metadata: dict[str, Any]) -> Lift | None:

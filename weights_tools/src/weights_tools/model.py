@@ -23,6 +23,10 @@ KINDS = (
 )
 """Types of the values of a state dict. Numbers of fewer bits would need further factors."""
 
+RADII = (1.0, 25.0)
+"""Smallest and largest effective radius (um): ``deepct`` limits estimates to this range, which is
+that of its droplet optics."""
+
 CHANNEL_GROWTH = 2
 """Number of channels that each layer of the paper's network adds until there are enough."""
 

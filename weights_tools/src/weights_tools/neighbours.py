@@ -10,7 +10,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from weights_tools.dataset import Samples
+from weights_tools.dataset import Samples, first_volume
 from weights_tools.shift import Shifter, interpolation
 
 GAP = (2, 10)
@@ -28,22 +28,23 @@ class Neighbours:
         """Clear-sky radiance of each view: that of most pixels at the edges of the images."""
 
     def draw(
-        self, extinction: Tensor, radiance: Tensor, generator: torch.Generator
+        self, volumes: Tensor, radiance: Tensor, generator: torch.Generator
     ) -> tuple[Tensor, Tensor]:
-        """Clouds ``[n, z, y, x]`` and images ``[n, view, row, col]`` including the neighbours."""
-        count = len(extinction)
+        """Clouds ``[n, z, y, x]``, or ``[n, quantity, z, y, x]``, and images
+        ``[n, view, row, col]`` including the neighbours."""
+        count = len(volumes)
+        extinction, others = first_volume(volumes), self.samples.extinction
         other = torch.randperm(len(self.samples), generator=generator)[:count]
         chosen = torch.rand(len(other), generator=generator) < self.share
-        extinction, radiance = extinction.clone(), radiance.clone()
+        volumes, radiance = volumes.clone(), radiance.clone()
         for index in chosen.nonzero().flatten().tolist():
-            cloud = self.samples.extinction[other[index]]
-            north, east = _displacement(extinction[index], cloud, generator)
-            extinction[index] += moved(moved(cloud, north, 1), east, 2)
+            north, east = _displacement(extinction[index], others[other[index]], generator)
+            volumes[index] += moved(moved(self.samples.volumes[other[index]], north, -2), east, -1)
             image = self.samples.radiance[other[index]] - self.sky[:, None, None]
             rows = interpolation(north * self.shifter.rows_per_voxel, radiance.shape[2])
             cols = interpolation(east * self.shifter.columns_per_voxel, radiance.shape[3])
             radiance[index] += rows @ image @ cols.transpose(-1, -2)
-        return extinction, radiance.clamp_(min=0.0)
+        return volumes, radiance.clamp_(min=0.0)
 
 
 def _displacement(cloud: Tensor, other: Tensor, generator: torch.Generator) -> tuple[int, int]:

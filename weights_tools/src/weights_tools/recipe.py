@@ -33,15 +33,19 @@ class NetworkRecipe:
     uncertainty: bool = False
     """Whether the last layer also estimates the absolute error of the extinction of each voxel;
     these channels follow those of the extinction."""
+    effective_radius: bool = False
+    """Whether the last layer also estimates the effective radius of each voxel, in its last
+    channels."""
 
     @property
     def outputs(self) -> list[str]:
         """The quantities that the last layer estimates, each with one channel for every level."""
-        return ["extinction", "uncertainty"] if self.uncertainty else ["extinction"]
+        further = {"uncertainty": self.uncertainty, "effective_radius": self.effective_radius}
+        return ["extinction", *(name for name, is_output in further.items() if is_output)]
 
-    def channels(self, views: int, levels: int) -> list[int]:
-        """Numbers of channels before, between and after the layers."""
-        inputs = views * max(self.planes, 1)
+    def channels(self, images: int, levels: int) -> list[int]:
+        """Numbers of channels before, between and after the layers, for the views of all bands."""
+        inputs = images * max(self.planes, 1)
         if self.width == 0:
             channels = growing_channels(inputs, levels, self.layers)
         else:
@@ -65,6 +69,8 @@ class ScalingRecipe:
     """Network input = radiance (1/sr) x input_scale."""
     output_scale: float = 10.0
     """Extinction (1/km) = network output x output_scale."""
+    effective_radius_scale: float = 10.0
+    """Effective radius (um) = network output x effective_radius_scale."""
 
 
 @dataclass(frozen=True)
@@ -77,13 +83,15 @@ class LossRecipe:
     of the extinction, and ``relative`` weights epsilon. ``uncertainty`` applies to networks that
     estimate it: the sum of squared differences between the estimated and the actual absolute error,
     divided by the sum of squares of the extinction. This term is smallest if the estimate is the
-    expected absolute error.
+    expected absolute error. ``effective_radius`` applies to networks that estimate it: the mean
+    absolute error of the scaled effective radius, weighted by the extinction.
     """
 
     squared: float = 1.0
     squared_by_cloud: float = 0.0
     relative: float = 0.0
     uncertainty: float = 0.1
+    effective_radius: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -234,6 +242,11 @@ def _check(recipe: Recipe, path: Path) -> None:
         ("network.planes", 0 <= recipe.network.planes <= 64, "0 to 64"),
         ("scaling.input_scale", recipe.scaling.input_scale > 0.0, "positive"),
         ("scaling.output_scale", recipe.scaling.output_scale > 0.0, "positive"),
+        (
+            "scaling.effective_radius_scale",
+            recipe.scaling.effective_radius_scale > 0.0,
+            "positive",
+        ),
         ("training.epochs", training.epochs >= 1, "at least 1"),
         ("training.batch", training.batch >= 2, "at least 2 (batch norm)"),
         ("training.learning_rate", training.learning_rate > 0.0, "positive"),

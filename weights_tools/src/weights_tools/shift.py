@@ -16,7 +16,7 @@ import math
 import torch
 from torch import Tensor
 
-from weights_tools.dataset import ViewGeometry
+from weights_tools.dataset import ViewGeometry, first_volume
 
 
 class Shifter:
@@ -46,20 +46,21 @@ class Shifter:
         self.voxels, self.levels, self.pointing = voxels, levels, pointing
 
     def draw(
-        self, extinction: Tensor, radiance: Tensor, generator: torch.Generator
+        self, volumes: Tensor, radiance: Tensor, generator: torch.Generator
     ) -> tuple[Tensor, Tensor]:
-        """Shift each cloud of a batch ``[n, z, y, x]`` and its images ``[n, view, row, col]``."""
+        """Shift each cloud of a batch ``[n, z, y, x]``, or ``[n, quantity, z, y, x]``, and its
+        images ``[n, view, row, col]``."""
 
         def draw(most: int, cloudy: Tensor) -> Tensor:
-            shifts = torch.randint(-most, most + 1, (len(extinction),), generator=generator)
+            shifts = torch.randint(-most, most + 1, (len(volumes),), generator=generator)
             return _within(shifts, cloudy)
 
-        cloudy = extinction > 0.0
+        cloudy = first_volume(volumes) > 0.0
         up = draw(self.levels, cloudy.flatten(2).any(2))
         north = draw(self.voxels, cloudy.any(1).any(2))
         east = draw(self.voxels, cloudy.any(1).any(1))
         places = torch.stack([up, north, east], 1).tolist()
-        moved = torch.stack([cloud.roll(at, (0, 1, 2)) for cloud, at in zip(extinction, places)])
+        moved = torch.stack([cloud.roll(at, (-3, -2, -1)) for cloud, at in zip(volumes, places)])
         northwards = north[:, None] * self.rows_per_voxel + up[:, None] * self.rows_per_level
         eastwards = east[:, None] * self.columns_per_voxel
         errors = self.pointing * torch.randn(2, *radiance.shape[:2], generator=generator)

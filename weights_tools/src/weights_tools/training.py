@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Callable
 
@@ -23,6 +24,7 @@ from weights_tools.optimizer import Optimizers
 from weights_tools.recipe import LossRecipe, Recipe, TrainingRecipe, completed
 from weights_tools.sensor import Sensor
 from weights_tools.shift import Shifter
+from weights_tools.start import start as start_from
 from weights_tools.table import write_table
 
 LAST = "last.pt"
@@ -32,6 +34,10 @@ BEST = "best.pt"
 
 EPOCHS_PER_PICTURE = 10
 """Number of epochs after which the figure of the learning curves is updated."""
+
+TYPICAL = 128
+"""Number of clouds from whose images the first statistics of a network are taken that starts from a
+weights file."""
 
 _VALIDATION_NOISE = -1
 
@@ -51,8 +57,9 @@ class Training:
         processes: Processes,
         start: Path | None = None,
     ) -> None:
-        """Resume the run in ``folder``, or begin a new one, with the parameters of the checkpoint
-        ``start`` if it is given.
+        """Resume the run in ``folder``, or begin a new one, with the parameters of ``start`` if it
+        is given: a checkpoint of a network of the same kind, or a weights file
+        (``NAME.safetensors``), also of fewer bands and without the effective radius.
 
         Raises :class:`InputError` for a checkpoint of another recipe, data set or network, and if
         a batch has fewer samples than there are processes.
@@ -61,7 +68,7 @@ class Training:
         self.processes, self.device = processes, processes.device
         self._check_processes()
         torch.manual_seed(recipe.training.seed)
-        channels = recipe.network.channels(len(data.geometry), data.levels)
+        channels = recipe.network.channels(len(data.image_geometry), data.levels)
         self.network = Network(channels, lift_of(_layout(recipe, data)))
         self.network.to(self.device, memory_format=torch.channels_last)
         self.layers = processes.layers(self.network)
@@ -71,12 +78,12 @@ class Training:
         limits = recipe.training
         shifts = limits.shift_voxels, limits.shift_levels, limits.pointing_pixels
         if any(shifts):
-            self.shifter = Shifter(data.geometry, data.voxel_spacing_km, *shifts)
+            self.shifter = Shifter(data.image_geometry, data.voxel_spacing_km, *shifts)
         self.neighbours = None
         if self.shifter is not None and recipe.training.neighbours:
             self.neighbours = Neighbours(data.train, self.shifter, recipe.training.neighbours)
         noisy = validation_images(data, recipe.sensor, recipe.training.seed)
-        self.validation = Samples(data.validation.extinction, noisy)
+        self.validation = Samples(data.validation.volumes, noisy)
         self.epoch = 0
         self.progress = 0.0
         self.elapsed_s = 0.0
@@ -87,7 +94,7 @@ class Training:
         if (folder / LAST).exists():
             self._resume(load_checkpoint(folder / LAST))
         elif start is not None:
-            self._start(start, load_checkpoint(start))
+            self._start(start)
         if processes.agreed(self.epoch) != [self.epoch]:
             remedy = "use a folder that all processes can access"
             raise InputError(folder, "is not the folder of the first process", remedy)
@@ -103,9 +110,9 @@ class Training:
         while not self.ended:
             start = time.monotonic()
             loss = self._train_epoch(minutes, start)
-            scores = self.scores() if self.processes.first else (0.0, 0.0)
+            scores = self.scores() if self.processes.first else (0.0, 0.0, 0.0)
             spent = time.monotonic() - start
-            epsilon, delta, spent = self.processes.agreed(*scores, spent)
+            epsilon, delta, radius_error, spent = self.processes.agreed(*scores, spent)
             self.epoch += 1
             self.elapsed_s += spent
             row = {
@@ -116,12 +123,16 @@ class Training:
                 "learning_rate": self.optimizers.learning_rate,
                 "minutes": self.elapsed_s / 60.0,
             }
+            radius = ""
+            if self.recipe.network.effective_radius:
+                row["validation_radius_error"] = radius_error
+                radius = f"radius error {radius_error:.3f} um  "
             self.history.append(row)
             if self.processes.first:
                 self._save()
             report(
                 f"epoch {self.epoch}/{self.recipe.training.epochs}  loss {loss:.5f}  "
-                f"validation epsilon {epsilon:.4f} delta {delta:+.4f}  "
+                f"validation epsilon {epsilon:.4f} delta {delta:+.4f}  {radius}"
                 f"learning rate {row['learning_rate']:.2e}  {row['minutes']:.1f} min"
             )
         if self.epoch < self.recipe.training.epochs and self.progress < 1.0:
@@ -137,20 +148,28 @@ class Training:
             return False
         return self.epoch - best_epoch(self.history) >= training.patience
 
-    def scores(self) -> tuple[float, float]:
-        """Mean epsilon and mean delta over the validation clouds, with a fixed noise."""
-        epsilon, delta = scores(self.estimate(self.validation.radiance), self.validation.extinction)
-        return epsilon, delta
+    def scores(self) -> tuple[float, float, float]:
+        """Mean epsilon, mean delta and mean error of the effective radius (um; 0 if the network
+        does not estimate it) over the validation clouds, with a fixed noise."""
+        volumes = self.estimate(self.validation.radiance)
+        epsilon, delta = scores(volumes["extinction"], self.validation.extinction)
+        radius = volumes.get("effective_radius")
+        return epsilon, delta, 0.0 if radius is None else radius_error(radius, self.validation)
 
-    def estimate(self, radiance: Tensor) -> Tensor:
-        """Extinction (1/km) from noisy images ``[n, view, row, col]``."""
+    def estimate(self, radiance: Tensor) -> dict[str, Tensor]:
+        """The outputs ``[n, z, y, x]`` by name (1/km; um) from noisy images
+        ``[n, view, row, col]``."""
         self.network.eval()
-        scaling = self.recipe.scaling
+        scaling, names = self.recipe.scaling, self.recipe.network.outputs
         with torch.no_grad():
             batches = radiance.split(self.recipe.training.batch)
             outputs = [self.network.layers(self._input(batch)).cpu() for batch in batches]
         self.network.train()
-        return torch.cat(outputs)[:, : self.data.levels] * scaling.output_scale
+        scales = {"effective_radius": scaling.effective_radius_scale}
+        parts = torch.cat(outputs).split(self.data.levels, 1)
+        return {
+            name: part * scales.get(name, scaling.output_scale) for name, part in zip(names, parts)
+        }
 
     def _train_epoch(self, minutes: float | None, start: float) -> float:
         training, samples = self.recipe.training, self.data.train
@@ -168,16 +187,7 @@ class Training:
         return self.processes.mean(total / len(batches))
 
     def _step(self, batch: Tensor, rate: float, generator: torch.Generator) -> float:
-        extinction, radiance = self.data.train.extinction[batch], self.data.train.radiance[batch]
-        if self.shifter is not None:
-            extinction, radiance = self.shifter.draw(extinction, radiance, generator)
-        if self.neighbours is not None:
-            extinction, radiance = self.neighbours.draw(extinction, radiance, generator)
-        rows, cols = self._crop(radiance, generator)
-        extinction = extinction[..., rows, cols]
-        mine = self.processes.share(len(batch))
-        images = self._input(self.recipe.sensor.sense(radiance, generator)[mine], rows, cols)
-        truth = (extinction[mine] / self.recipe.scaling.output_scale).to(self.device)
+        images, truth = self._batch(batch, generator)
         self.optimizers.zero_grad()
         reduced = self.recipe.training.reduced_precision
         with torch.autocast(self.device.type, torch.bfloat16, enabled=reduced):
@@ -188,6 +198,24 @@ class Training:
         loss.backward()
         self.optimizers.step(rate)
         return loss.item()
+
+    def _batch(self, batch: Tensor, generator: torch.Generator) -> tuple[Tensor, Tensor]:
+        """The input of the first layer, and the scaled volumes, of the share of a batch."""
+        volumes, radiance = self.data.train.volumes[batch], self.data.train.radiance[batch]
+        if self.shifter is not None:
+            volumes, radiance = self.shifter.draw(volumes, radiance, generator)
+        if self.neighbours is not None:
+            volumes, radiance = self.neighbours.draw(volumes, radiance, generator)
+        rows, cols = self._crop(radiance, generator)
+        volumes = volumes[..., rows, cols]
+        mine = self.processes.share(len(batch))
+        noisy = sensed(radiance, self.data, self.recipe.sensor, generator)
+        images = self._input(noisy[mine], rows, cols)
+        scaling = self.recipe.scaling
+        truth = volumes[mine] / scaling.output_scale
+        if truth.ndim == 5:
+            truth[:, 1] /= scaling.effective_radius_scale
+        return images, truth.to(self.device)
 
     def _crop(self, images: Tensor, generator: torch.Generator) -> tuple[slice, slice]:
         """The rows and columns that this step uses."""
@@ -244,7 +272,14 @@ class Training:
             metadata["configuration"]["started_from"] = self.started_from
         return metadata
 
-    def _start(self, path: Path, checkpoint: dict[str, Any]) -> None:
+    def _start(self, path: Path) -> None:
+        if path.suffix.lower() == ".safetensors":
+            typical = torch.arange(min(TYPICAL, len(self.data.train)))
+            images, volumes = self._batch(typical, _generator(self.recipe.training.seed, 0))
+            metadata = {**_layout(self.recipe, self.data), **_outputs(self.recipe)}
+            self.started_from = start_from(self.network, path, metadata, images, volumes)
+            return
+        checkpoint = load_checkpoint(path)
         recipe = self.recipe.resolved()
         remedy = "start from a checkpoint of a training with the same [network] and [scaling]"
         theirs = completed(checkpoint["recipe"]) if "recipe" in checkpoint else {}
@@ -273,7 +308,14 @@ class Training:
 
 def validation_images(data: Dataset, sensor: Sensor, seed: int) -> Tensor:
     """The images of the validation clouds with the fixed noise that is used for the scores."""
-    return sensor.sense(data.validation.radiance, _generator(seed, _VALIDATION_NOISE))
+    return sensed(data.validation.radiance, data, sensor, _generator(seed, _VALIDATION_NOISE))
+
+
+def sensed(radiance: Tensor, data: Dataset, sensor: Sensor, generator: torch.Generator) -> Tensor:
+    """Noisy images ``[n, view, row, col]``. Each band has a sensor of its own, whose exposure fits
+    the brightest pixel of the band."""
+    bands = radiance.unflatten(1, (len(data.wavelengths_um), -1))
+    return sensor.sense(bands, generator).flatten(1, 2)
 
 
 def _batches(order: Tensor, size: int) -> list[Tensor]:
@@ -297,11 +339,13 @@ def learning_rate(training: TrainingRecipe, progress: float) -> float:
 
 
 def loss_of(recipe: LossRecipe, truth: Tensor, outputs: Tensor) -> Tensor:
-    """The loss for a batch of scaled extinction ``[n, z, y, x]``. ``outputs`` are those of the
-    network: the extinction, followed by its uncertainty if the network estimates it."""
-    estimate, uncertainty = outputs.split_with_sizes(
-        [truth.shape[1], outputs.shape[1] - truth.shape[1]], 1
-    )
+    """The loss for a batch of scaled extinction ``[n, z, y, x]``, or ``[n, 2, z, y, x]`` with the
+    product of the extinction and the effective radius. ``outputs`` are those of the network: the
+    extinction, followed by its uncertainty if the network estimates it, and by the effective radius
+    if there is a product."""
+    truth, product = truth.unbind(1) if truth.ndim == 5 else (truth, None)
+    estimate, *further = outputs.split(truth.shape[1], 1)
+    radius = further.pop() if product is not None else None
     difference = estimate - truth
     loss = recipe.squared * difference.square().mean()
     squares = truth.square().sum((1, 2, 3)).clamp_min(LEAST_CLOUD)
@@ -312,11 +356,23 @@ def loss_of(recipe: LossRecipe, truth: Tensor, outputs: Tensor) -> Tensor:
         amounts = truth.sum((1, 2, 3)).clamp_min(LEAST_CLOUD)
         epsilon = difference.abs().sum((1, 2, 3)) / amounts
         loss = loss + recipe.relative * epsilon.mean()
-    if uncertainty.numel():
+    for uncertainty in further:
         # Detached, so that the uncertainty term has no effect on the extinction.
         missed = (uncertainty - difference.detach().abs()).square().sum((1, 2, 3))
         loss = loss + recipe.uncertainty * (missed / squares).mean()
+    if radius is not None:
+        amounts = truth.sum((1, 2, 3)).clamp_min(LEAST_CLOUD)
+        missed = (truth * radius - product).abs().sum((1, 2, 3))
+        loss = loss + recipe.effective_radius * (missed / amounts).mean()
     return loss
+
+
+def radius_error(estimate: Tensor, samples: Samples) -> float:
+    """The mean over clouds of the mean absolute error of an effective radius ``[n, z, y, x]`` (um),
+    weighted by the true extinction."""
+    extinction, product = samples.volumes.double().unbind(1)
+    missed = (extinction * estimate.double() - product).abs().sum((1, 2, 3))
+    return (missed / extinction.sum((1, 2, 3))).mean().item()
 
 
 def scores(estimate: Tensor, truth: Tensor) -> tuple[float, float]:
@@ -331,6 +387,7 @@ def _generator(seed: int, epoch: int) -> torch.Generator:
 def _layout(recipe: Recipe, data: Dataset) -> dict[str, Any]:
     """The geometry of images and voxels, in the form used in weights files."""
     geometry, levels = data.geometry, data.manifest["levels"]
+    wavelengths = data.wavelengths_um
     dx, dy, dz = data.voxel_spacing_km
     levels = {"bottom_km": levels["bottom_km"], "count": data.levels, "spacing_km": dz}
     return {
@@ -342,6 +399,7 @@ def _layout(recipe: Recipe, data: Dataset) -> dict[str, Any]:
             "pixel_km": list(geometry.pixel_km),
             "camera_distance_km": list(geometry.camera_distance_km),
         },
+        "wavelength_um": list(wavelengths) if len(wavelengths) > 1 else wavelengths[0],
         # The cameras of a data set are pointed at the centre of its samples.
         "target_altitude_km": levels["bottom_km"] + 0.5 * data.levels * dz,
         "image_layout": recipe.network.image_layout(levels),
@@ -350,21 +408,29 @@ def _layout(recipe: Recipe, data: Dataset) -> dict[str, Any]:
     }
 
 
+def _outputs(recipe: Recipe) -> dict[str, Any]:
+    """The outputs and the scales, in the form used in weights files."""
+    scales = asdict(recipe.scaling)
+    if not recipe.network.effective_radius:
+        del scales["effective_radius_scale"]
+    return {"outputs": recipe.network.outputs, **scales}
+
+
 def _metadata(recipe: Recipe, data: Dataset, row: dict[str, float]) -> dict[str, Any]:
     """The metadata of the weights, without those of the layers."""
+    scores = {"epsilon": row["validation_epsilon"], "delta": row["validation_delta"]}
+    if recipe.network.effective_radius:
+        scores["radius_error"] = row["validation_radius_error"]
     return {
         **_layout(recipe, data),
         "formation": data.formation,
-        "wavelength_um": data.wavelength_um,
-        "outputs": recipe.network.outputs,
-        "input_scale": recipe.scaling.input_scale,
-        "output_scale": recipe.scaling.output_scale,
+        **_outputs(recipe),
         "training": {
             "data": data.name,
             "identity": data.identity,
             "samples": len(data.train),
             "seed": recipe.training.seed,
         },
-        "scores": {"epsilon": row["validation_epsilon"], "delta": row["validation_delta"]},
+        "scores": scores,
         "configuration": recipe.resolved(),
     }

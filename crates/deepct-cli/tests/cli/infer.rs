@@ -1,17 +1,19 @@
 use crate::program::Program;
+use deepct_core::cloud::Cloud;
 use deepct_core::grid::{Grid, Mask, Volume};
 use deepct_core::image::ViewStack;
+use deepct_core::inversion::network_estimate;
 use deepct_core::io::{
     Provenance, load_trained_weights, read_estimate, read_mask, read_volume, write_mask,
-    write_observation, write_weights,
+    write_observation, write_sample, write_weights,
 };
 use deepct_core::math::{DVec3, towards};
 use deepct_core::network::{
     Architecture, Estimator, FORMAT_VERSION, ImageLayout, LayerWeights, Levels, Network,
-    NetworkOutput, Planes, Training, Weights, WeightsMetadata,
+    NetworkOutput, Planes, TrainedWeights, Training, Weights, WeightsMetadata,
 };
 use deepct_core::scene::{Formation, Observation, Sun, View};
-use ndarray::{Array1, Array3, Array4};
+use ndarray::{Array1, Array3, Array4, Axis, concatenate};
 use std::collections::BTreeMap;
 
 const TARGET: DVec3 = DVec3::new(0.4, 0.3, 1.0);
@@ -55,13 +57,14 @@ fn weights(observation: &Observation, image_layout: ImageLayout) -> Weights {
         architecture,
         view_geometry: observation.geometry(),
         target_altitude_km: TARGET.z,
-        wavelength_um: observation.light.wavelength,
+        wavelengths_um: vec![observation.light.wavelength],
         image_layout,
         horizontal_spacing_km: [0.05, 0.05],
         levels: Levels { bottom_km: 0.88, count: 6, spacing_km: 0.04 },
         outputs: vec![NetworkOutput::Extinction],
         input_scale: 5.0,
         output_scale: 20.0,
+        effective_radius_scale: None,
         training: Training {
             data: "squares".into(),
             identity: "c0ffee".into(),
@@ -152,6 +155,71 @@ fn an_uncertainty_is_written_beside_the_extinction() {
     for (voxel, carved) in carved.values.indexed_iter() {
         assert_eq!(*carved, if mask.values[voxel] { uncertainty[voxel] } else { 0.0 });
     }
+}
+
+/// Weights for two bands that also estimate the effective radius, and the files of the bands: darker
+/// images at 2.13 um.
+fn files_of_two_bands(program: &Program) -> (Vec<Observation>, Weights) {
+    let visible = observation();
+    let mut infrared = visible.clone();
+    infrared.light.wavelength = 2.13;
+    infrared.images.values.mapv_inplace(|radiance| 0.7 * radiance);
+    let mut weights = weights(&visible, ImageLayout::Camera);
+    let first = &mut weights.layers[0].weight;
+    let both = concatenate(Axis(1), &[first.view(), (-0.5 * &*first).view()]).unwrap();
+    *first = both.as_standard_layout().into_owned();
+    let metadata = &mut weights.metadata;
+    metadata.architecture.channels[0] = 20;
+    metadata.wavelengths_um = vec![0.672, 2.13];
+    metadata.outputs.push(NetworkOutput::EffectiveRadius);
+    metadata.levels.count = 3;
+    metadata.effective_radius_scale = Some(4.0);
+    write_weights(program.path("B.safetensors"), &weights).unwrap();
+    let bands = vec![visible, infrared];
+    for (name, band) in ["A.nc", "I.nc"].into_iter().zip(&bands) {
+        write_observation(program.path(name), band, &provenance()).unwrap();
+    }
+    (bands, weights)
+}
+
+#[test]
+fn an_effective_radius_comes_from_two_bands() {
+    let program = Program::new();
+    let (bands, weights) = files_of_two_bands(&program);
+    let text = program.succeed("weights inspect B.safetensors");
+    assert!(text.contains("at 0.672 and 2.13 um"), "{text}");
+    assert!(text.contains("effective_radius (um) / 4"), "{text}");
+    let text = program.succeed("infer A.nc I.nc --weights B.safetensors --out V.nc");
+    let estimator = Estimator::new(TrainedWeights::Formation(weights));
+    let expected = network_estimate(&estimator, &bands, None).unwrap();
+    let written = read_estimate(program.path("V.nc")).unwrap();
+    assert_eq!(written, expected);
+    let radius = &written.effective_radius.as_ref().unwrap().values;
+    assert!(radius.iter().all(|&radius| radius == 0.0 || (1.0..=25.0).contains(&radius)));
+    assert!(radius.iter().any(|radius| *radius > 1.0));
+    let mean = written.mean_effective_radius().unwrap();
+    assert!(text.contains(&format!("radius   {mean:.2} um")), "{text}");
+
+    // The same in one file.
+    let cloud = Cloud::from_extinction(written.extinction.clone()).unwrap();
+    write_sample(program.path("both.nc"), &cloud, &bands, &provenance()).unwrap();
+    program.succeed("infer both.nc --weights B.safetensors --out both_found.nc");
+    assert_eq!(read_estimate(program.path("both_found.nc")).unwrap(), written);
+    program.succeed("infer both.nc --weights B.safetensors --out-dir found --json");
+    assert_eq!(read_estimate(program.path("found/both.nc")).unwrap(), written);
+
+    let expected = "number of bands: expected 2 (0.672 and 2.13 um), found 1 (0.672 um)";
+    let command = "infer A.nc --weights B.safetensors --out W.nc";
+    program.refuse(command, &["A.nc", expected, "at 0.672 and 2.13 um, in this order"]);
+    let command = "infer I.nc A.nc --weights B.safetensors --out W.nc";
+    program.refuse(command, &["wavelength of band 0: expected 0.6720 um, found 2.1300 um"]);
+    files(&program);
+    program.refuse(
+        "infer A.nc I.nc --weights W.safetensors --out W.nc",
+        &["number of bands: expected 1 (0.672 um), found 2 (0.672 and 2.13 um)"],
+    );
+    program.refuse("infer A.nc I.nc --out W.nc", &["number of bands: expected 1, found 2"]);
+    program.refuse("carve both.nc --grid V.nc --out C.nc", &["wavelength", "has 2 values"]);
 }
 
 #[test]
@@ -322,7 +390,8 @@ fn many_files_are_processed_by_one_command() {
     assert!(run.stderr.contains("number of files that failed is 1"), "{}", run.stderr);
     assert!(program.path("some/J.nc").exists() && !program.path("some/C.nc").exists());
 
-    program.refuse("infer I.nc J.nc --grid C.nc --out V.nc", &["--out-dir"]);
+    program.refuse("infer I.nc J.nc --grid C.nc --out V.nc", &["number of bands"]);
+    program.refuse("carve I.nc J.nc --grid C.nc --out V.nc", &["--out-dir"]);
     program.refuse("infer I.nc --grid C.nc --out-dir .", &["is an input of this command"]);
     program.refuse("infer I.nc many/I.nc --grid C.nc --out-dir more", &["output of two files"]);
 }

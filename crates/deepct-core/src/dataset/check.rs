@@ -20,10 +20,13 @@ pub fn check(folder: &Path, progress: &(dyn Fn(u64) + Sync)) -> Result<Manifest>
             return Err(Error::file(path, "checksum", "differs from the manifest's", remedy));
         }
         let volume = io::read_volume(&path)?;
-        let observation = io::read_observation(&path)?;
-        let [views, rows, cols] = observation.images.shape();
-        let expected = (manifest.levels.count, manifest.geometry.view_zenith_deg.len());
-        if (volume.grid.shape[0], views) != expected || [rows, cols] != manifest.image_shape {
+        let bands = io::read_observations(&path)?;
+        let [rows, cols] = manifest.image_shape;
+        let images = [manifest.geometry.view_zenith_deg.len(), rows, cols];
+        if volume.grid.shape[0] != manifest.levels.count
+            || bands.len() != manifest.configuration.bands.len().max(1)
+            || bands.iter().any(|band| band.images.shape() != images)
+        {
             return Err(Error::file(path, "shape", "differs from the manifest's", remedy));
         }
         progress(1);

@@ -63,7 +63,24 @@ pub fn generate(
 
 /// Whether a sample exists and can be read. One that another program has cut off is generated again.
 fn is_complete(path: &Path) -> bool {
-    path.exists() && io::read_observation(path).is_ok() && io::read_cloud(path).is_ok()
+    path.exists() && io::read_observations(path).is_ok() && io::read_cloud(path).is_ok()
+}
+
+/// The scene illumination of a band, and its droplet optics, computed on first use.
+struct BandLight {
+    light: Light,
+    table: OnceLock<Option<Arc<DropletTable>>>,
+}
+
+impl BandLight {
+    /// The droplet optics, for any cloud: all have the same effective variance.
+    fn table(&self, cloud: &Cloud) -> Result<Option<Arc<DropletTable>>> {
+        if let Some(table) = self.table.get() {
+            return Ok(table.clone());
+        }
+        let table = self.light.droplet_table(cloud)?;
+        Ok(self.table.get_or_init(|| table).clone())
+    }
 }
 
 /// Data that are common to all samples.
@@ -72,20 +89,21 @@ pub(super) struct Generator<'a> {
     simulations: &'a Path,
     grid: Grid,
     views: Vec<View>,
-    /// Droplet optics for the scene illumination of the settings and of each source, computed on
-    /// first use.
-    tables: Vec<OnceLock<Option<Arc<DropletTable>>>>,
+    /// The illumination of each band of each source.
+    lights: Vec<Vec<BandLight>>,
 }
 
 impl<'a> Generator<'a> {
     pub(super) fn open(settings: &'a DatasetSettings, simulations: &'a Path) -> Result<Self> {
         settings.check(simulations)?;
+        let of_band = |light| BandLight { light, table: OnceLock::new() };
+        let of_source = |source| settings.lights(source).into_iter().map(of_band).collect();
         Ok(Self {
             settings,
             simulations,
             grid: settings.grid()?,
             views: settings.views()?,
-            tables: vec![OnceLock::new(); settings.sources.len() + 1],
+            lights: settings.sources.iter().map(of_source).collect(),
         })
     }
 
@@ -164,28 +182,18 @@ impl<'a> Generator<'a> {
         Cloud::from_microphysics(self.grid, droplets)
     }
 
-    /// The scene illumination of a source and its droplet optics. All clouds have the same
-    /// effective variance, so that one table applies to all of them.
-    fn light(&self, source: usize, cloud: &Cloud) -> Result<(&Light, Option<Arc<DropletTable>>)> {
-        let (light, known) = match &self.settings.sources[source].light {
-            Some(own) => (own, &self.tables[source + 1]),
-            None => (&self.settings.light, &self.tables[0]),
-        };
-        if let Some(table) = known.get() {
-            return Ok((light, table.clone()));
-        }
-        let table = light.droplet_table(cloud)?;
-        Ok((light, known.get_or_init(|| table).clone()))
-    }
-
-    /// Render a cloud with the scene illumination of its source and write the sample.
+    /// Render a cloud with the scene illumination of its source in each band, and write the sample.
     fn render(&self, source: usize, cloud: Cloud, path: &Path) -> Result<()> {
-        let (light, table) = self.light(source, &cloud)?;
-        let scene = light.scene_with(&cloud, table)?;
         let solver = Solver::Ordinates(self.settings.solver.resolve());
-        let images = transport::render(&scene, &self.views, &solver, &())?.images;
-        let light = light.recorded(&cloud);
-        let observation = Observation::new(light, self.views.clone(), images)?;
+        let band = |band: &BandLight| {
+            let scene = band.light.scene_with(&cloud, band.table(&cloud)?)?;
+            let images = transport::render(&scene, &self.views, &solver, &())?.images;
+            let light = band.light.recorded(&cloud);
+            let observation = Observation::new(light, self.views.clone(), images)?;
+            Ok((scene.medium.extinction.values, observation))
+        };
+        let bands = self.lights[source].iter().map(band).collect::<Result<Vec<_>>>()?;
+        let (mut extinctions, observations): (Vec<_>, Vec<_>) = bands.into_iter().unzip();
         let configuration = serde_json::to_string(self.settings).unwrap_or_default();
         let seed = self.settings.seed;
         let provenance = Provenance {
@@ -194,7 +202,7 @@ impl<'a> Generator<'a> {
             seed,
             ..Provenance::default()
         };
-        let extinction = Some(scene.medium.extinction.values);
-        io::write_sample(path, &Cloud { extinction, ..cloud }, &observation, &provenance)
+        let extinction = Some(extinctions.swap_remove(0));
+        io::write_sample(path, &Cloud { extinction, ..cloud }, &observations, &provenance)
     }
 }

@@ -22,6 +22,11 @@ pub struct DatasetSettings {
     pub formation: String,
     /// The scene illumination.
     pub light: Light,
+    /// Wavelengths (um) of the bands in which each sample is rendered, with the same illumination
+    /// otherwise; if there are none, only that of the illumination. The extinction of a sample is that
+    /// of the first band.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub bands: Vec<f64>,
     /// Minimum and maximum droplet number concentration (1/cm3), from which effective radii are
     /// derived. The value of each cloud is drawn between them, uniformly in its logarithm.
     pub droplets_per_cm3: [f64; 2],
@@ -165,6 +170,17 @@ impl DatasetSettings {
         self.formation()?.views(self.grid()?.center(), [self.columns; 2])
     }
 
+    /// The scene illumination of the samples of a source in each band.
+    pub(super) fn lights(&self, source: &Source) -> Vec<Light> {
+        let light = source.light.as_ref().unwrap_or(&self.light);
+        match &self.bands[..] {
+            [] => vec![light.clone()],
+            bands => {
+                bands.iter().map(|&wavelength| Light { wavelength, ..light.clone() }).collect()
+            }
+        }
+    }
+
     /// Check that the values are in range, that the formation is known, and that the files of the
     /// simulations can be opened.
     pub(super) fn check(&self, simulations: &Path) -> Result<()> {
@@ -198,9 +214,13 @@ impl DatasetSettings {
             }
         }
         self.solver.resolve().check()?;
-        self.light.check()?;
+        let repeated = |(number, band)| self.bands[..number].contains(band);
+        if self.bands.iter().enumerate().any(repeated) {
+            let found = format!("{:?}", self.bands);
+            return Err(Error::out_of_range("bands", found, "different wavelengths"));
+        }
         for source in &self.sources {
-            source.light.as_ref().map_or(Ok(()), Light::check)?;
+            self.lights(source).iter().try_for_each(Light::check)?;
             source.variation.map_or(Ok(()), |variation| variation.check())?;
         }
         Ok(())

@@ -41,6 +41,7 @@ fn simulation(folder: &Path) -> DatasetSettings {
         seed: 5,
         formation: "cloudct-10".into(),
         light: Light::realistic(),
+        bands: Vec::new(),
         droplets_per_cm3: [100.0, 100.0],
         water_share: 1.0,
         solver: SolverSettings {
@@ -274,5 +275,40 @@ fn each_split_has_the_samples_that_are_asked_for() {
     for (split, count, has) in [(Split::Train, 5, "4"), (Split::Test, 1, "0")] {
         let problem = planned(&[(split, count)]).unwrap_err().to_string();
         assert!(problem.contains(&format!("at most the {has} that")), "{problem}");
+    }
+}
+
+/// The images of each band are those of a data set of this wavelength alone, and absorption by the
+/// droplets makes the second band darker. The extinction is that of the first band.
+#[test]
+fn samples_are_rendered_in_each_band() {
+    let folder = tempfile::tempdir().unwrap();
+    let settings = simulation(folder.path());
+    let observations = |bands: &[f64], wavelength: f64| {
+        let mut settings = DatasetSettings { bands: bands.to_vec(), ..settings.clone() };
+        settings.light.wavelength = wavelength;
+        let out = folder.path().join(format!("{bands:?} {wavelength}"));
+        make(&settings, folder.path(), &out, None).unwrap();
+        let file = out.join(&check(&out, &|_| ()).unwrap().samples[0].file);
+        (io::read_observations(&file).unwrap(), io::read_cloud(&file).unwrap())
+    };
+    let (two, cloud) = observations(&[0.672, 2.13], 0.5);
+    assert_eq!(two.len(), 2);
+    for (band, wavelength) in two.iter().zip([0.672, 2.13]) {
+        let (alone, seen) = observations(&[], wavelength);
+        assert_eq!(*band, alone[0]);
+        assert_eq!(cloud.extinction == seen.extinction, wavelength == 0.672);
+        assert_eq!(cloud.microphysics, seen.microphysics);
+    }
+    assert!(two[1].images.brightest() < 0.95 * two[0].images.brightest());
+}
+
+#[test]
+fn bands_that_cannot_be_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let settings = simulation(folder.path());
+    for bands in [[0.672, 0.672], [0.672, -1.0], [0.672, f64::NAN]] {
+        let settings = DatasetSettings { bands: bands.to_vec(), ..settings.clone() };
+        assert!(settings.check(folder.path()).is_err(), "{bands:?}");
     }
 }

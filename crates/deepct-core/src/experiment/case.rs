@@ -105,7 +105,7 @@ impl Case {
                 seed: settings.seed,
                 ..Provenance::default()
             };
-            io::write_sample(path, &cloud, &observation, &provenance)?;
+            io::write_sample(path, &cloud, std::slice::from_ref(&observation), &provenance)?;
         }
         Ok((io::read_cloud(path)?, io::read_observation(path)?))
     }

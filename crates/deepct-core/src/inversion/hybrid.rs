@@ -3,7 +3,7 @@
 use super::{InversionSettings, Models, Problem, Reconstruction, Watch, invert};
 use crate::error::Result;
 use crate::grid::Grid;
-use crate::network::Estimator;
+use crate::network::{BandImages, Estimate, Estimator};
 use crate::scene::Observation;
 
 /// Number of iterations of the quick hybrid.
@@ -18,11 +18,34 @@ pub fn network_grid(network: &Estimator, observation: &Observation) -> Result<Gr
     network.grid(&observation.imaging_geometry()?, [rows, cols])
 }
 
-/// Inverts the images of a problem, starting from the estimate of the network for those of the first
-/// band on the grid of the mask.
+/// The estimate of a network for the images of the bands that its weights are for, on a grid or on that
+/// of [`network_grid`].
 ///
 /// # Errors
-/// The errors of [`Estimator::estimate`] and [`invert`].
+/// The errors of [`Estimator::estimate_bands`].
+pub fn network_estimate(
+    network: &Estimator,
+    bands: &[Observation],
+    grid: Option<&Grid>,
+) -> Result<Estimate> {
+    let ideal = bands.iter().map(Observation::on_ideal_cameras).collect::<Result<Vec<_>>>()?;
+    let geometries =
+        ideal.iter().map(|band| band.imaging_geometry()).collect::<Result<Vec<_>>>()?;
+    let pairs = ideal.iter().zip(&geometries);
+    let bands = pairs.map(|(band, geometry)| BandImages { images: &band.images, geometry });
+    network.estimate_bands(&bands.collect::<Vec<_>>(), grid)
+}
+
+/// The bands of an inversion that a network sees: the first ones, as many as its weights are for.
+pub fn network_bands<'a>(network: &Estimator, bands: &'a [Observation]) -> &'a [Observation] {
+    &bands[..network.bands().min(bands.len())]
+}
+
+/// Inverts the images of a problem, starting from the estimate of the network for those of
+/// [`network_bands`] on the grid of the mask.
+///
+/// # Errors
+/// The errors of [`network_estimate`] and [`invert`].
 pub fn hybrid(
     problem: &Problem,
     network: &Estimator,
@@ -31,9 +54,8 @@ pub fn hybrid(
     watch: &dyn Watch,
 ) -> Result<Reconstruction> {
     let Problem { bands, mask, .. } = problem;
-    let observation = bands[0].on_ideal_cameras()?;
-    let geometry = observation.imaging_geometry()?;
-    let mut start = network.estimate(&observation.images, &geometry, Some(&mask.grid))?;
+    let seen = network_bands(network, bands);
+    let mut start = network_estimate(network, seen, Some(&mask.grid))?;
     mask.apply(&mut start.extinction)?;
     invert(problem, models, &start.into(), settings, watch)
 }

@@ -38,7 +38,7 @@ mod variables;
 
 pub use calibration::Calibration;
 pub use checkpoint::Checkpoint;
-pub use hybrid::{QUICK_ITERATIONS, hybrid, network_grid};
+pub use hybrid::{QUICK_ITERATIONS, hybrid, network_bands, network_estimate, network_grid};
 pub use measurement::Measurement;
 pub use models::{Domain, Fields, ForwardModel, Models};
 pub use optimiser::{Bounds, Function, Minimiser, MinimiserSettings, Pair, Point, Step};

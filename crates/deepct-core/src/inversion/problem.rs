@@ -84,7 +84,8 @@ pub enum Start {
     /// A uniform extinction in the mask, with the value that fits the images best.
     Search,
     /// An extinction on the grid of the mask, from a file or a network. Its uncertainty, if given,
-    /// is part of the prior.
+    /// is part of the prior; the unknowns of the effective radius begin at its effective radius, if
+    /// that is given.
     Estimate(Box<Estimate>),
 }
 

@@ -52,6 +52,15 @@ pub(super) struct RadiusAt {
     pub(super) by_deviation: f64,
 }
 
+/// The radius of a voxel, as the logarithm of its ratio to the expected one.
+struct KnownRadius {
+    voxel: [usize; 3],
+    altitude: f64,
+    logarithm: f64,
+    /// The extinction.
+    weight: f64,
+}
+
 impl Profile {
     /// The profile of a cloud inside a mask.
     pub(super) fn new(kind: Radius, mask: &Mask) -> Self {
@@ -124,15 +133,9 @@ impl Profile {
 
     /// The effective radius at an altitude (km) for the variables of the profile and a deviation.
     pub(super) fn at(&self, altitude: f64, profile: &[f64], deviation: f64) -> RadiusAt {
-        let (mut logarithm, mut by_base) = (LOGARITHM * (profile[0] + deviation), 0.0);
-        if let Some(base) = profile.get(1) {
-            let base = self.bottom + ALTITUDE * base;
-            let above = |altitude: f64| (altitude - base).max(0.0) + self.least;
-            logarithm += (above(altitude) / above(self.reference)).ln() / 3.0;
-            let slope = |at: f64| if at > base { above(at).recip() } else { 0.0 };
-            by_base = ALTITUDE * (slope(self.reference) - slope(altitude)) / 3.0;
-        }
-        let radius = EXPECTED * logarithm.exp();
+        let (shape, by_base) =
+            profile.get(1).map_or((0.0, 0.0), |base| self.shape(altitude, *base));
+        let radius = EXPECTED * (LOGARITHM * (profile[0] + deviation) + shape).exp();
         let [least, most] = TABLE_RADII;
         let slope = if (least..=most).contains(&radius) { radius } else { 0.0 };
         RadiusAt {
@@ -140,6 +143,66 @@ impl Profile {
             by_profile: [slope * LOGARITHM, slope * by_base],
             by_deviation: slope * LOGARITHM,
         }
+    }
+
+    /// The logarithm of the ratio of the radius at an altitude (km) to that at the reference, for the
+    /// variable of the altitude of the base, and its derivative.
+    fn shape(&self, altitude: f64, base: f64) -> (f64, f64) {
+        let base = self.bottom + ALTITUDE * base;
+        let above = |altitude: f64| (altitude - base).max(0.0) + self.least;
+        let slope = |at: f64| if at > base { above(at).recip() } else { 0.0 };
+        let by_base = ALTITUDE * (slope(self.reference) - slope(altitude)) / 3.0;
+        ((above(altitude) / above(self.reference)).ln() / 3.0, by_base)
+    }
+
+    /// The variables of the profile that is nearest to given radii (um) in the mean square of the
+    /// logarithm, weighted by the extinction, and the deviations of the radii from it. Voxels without
+    /// extinction or radius do not deviate.
+    pub(super) fn nearest(&self, radius: &Volume, extinction: &Volume) -> (Vec<f64>, Array3<f64>) {
+        let mut deviations = Array3::zeros(radius.values.raw_dim());
+        let pairs = radius.values.indexed_iter().zip(&extinction.values);
+        let known: Vec<KnownRadius> = pairs
+            .filter(|((_, radius), extinction)| **radius > 0.0 && **extinction > 0.0)
+            .map(|(((k, j, i), &value), &extinction)| KnownRadius {
+                voxel: [k, j, i],
+                altitude: radius.grid.voxel_center([k, j, i]).z,
+                logarithm: (f64::from(value) / EXPECTED).ln(),
+                weight: f64::from(extinction),
+            })
+            .collect();
+        let bounds = self.bounds();
+        let (Some(&[least, most]), false) = (bounds.first(), known.is_empty()) else {
+            return (vec![0.0; self.len()], deviations);
+        };
+        let total: f64 = known.iter().map(|one| one.weight).sum();
+        // The mean square for a base and the best logarithm, which is the mean of the differences.
+        let fit = |base: Option<f64>| {
+            let above = |one: &KnownRadius| base.map_or(0.0, |b| self.shape(one.altitude, b).0);
+            let differences: Vec<f64> =
+                known.iter().map(|one| one.logarithm - above(one)).collect();
+            let pairs = || known.iter().zip(&differences);
+            let mean = pairs().map(|(one, value)| one.weight * value).sum::<f64>() / total;
+            let square = |(one, value): (&KnownRadius, &f64)| one.weight * (value - mean).powi(2);
+            (pairs().map(square).sum::<f64>(), base, mean, differences)
+        };
+        let bases: Vec<Option<f64>> = match bounds.get(1) {
+            None => vec![None],
+            Some([lowest, highest]) => {
+                (lowest.ceil() as i64..=highest.floor() as i64).map(|n| Some(n as f64)).collect()
+            }
+        };
+        let fits = bases.into_iter().map(fit);
+        let Some((_, base, mean, differences)) = fits.min_by(|a, b| a.0.total_cmp(&b.0)) else {
+            return (vec![0.0; self.len()], deviations);
+        };
+        let first = (mean / LOGARITHM).clamp(least, most);
+        if self.has_deviations() {
+            let [least, most] = Self::deviation_bounds();
+            for (one, difference) in known.iter().zip(differences) {
+                deviations[one.voxel] = (difference / LOGARITHM - first).clamp(least, most);
+            }
+        }
+        (std::iter::once(first).chain(base).collect(), deviations)
     }
 }
 
@@ -166,6 +229,41 @@ mod tests {
         assert!((reference - 10.0 * 0.1_f64.exp()).abs() < 1e-12);
         let uniform = profile(Radius::Uniform);
         assert_eq!(uniform.at(0.6, &[0.0], 0.0).radius, uniform.at(1.1, &[0.0], 0.0).radius);
+    }
+
+    /// Radii of a profile and of a profile with deviations are found again, wherever there is extinction;
+    /// a uniform radius is the weighted geometric mean.
+    #[test]
+    fn the_nearest_profile_is_that_of_the_radii() {
+        let grid = Grid::new(DVec3::new(0.0, 0.0, 0.5), DVec3::splat(0.05), [12, 1, 2]).unwrap();
+        let is_cloudy = |k: usize, i: usize| k >= 2 && !(k + i).is_multiple_of(3);
+        let extinction = Array3::from_shape_fn(grid.shape, |(k, _, i)| {
+            if is_cloudy(k, i) { (1 + k + i) as f32 } else { 0.0 }
+        });
+        let extinction = Volume::new(grid, extinction).unwrap();
+        let mut expected = Array3::zeros(grid.shape);
+        for kind in [Radius::Uniform, Radius::Adiabatic, Radius::Field] {
+            let profile = profile(kind);
+            let variables = &[3.5, -4.0][..profile.len()];
+            let radii = profile.volume(&grid, variables, &expected).unwrap().unwrap();
+            let (found, deviations) = profile.nearest(&radii, &extinction);
+            assert_eq!(found.len(), variables.len());
+            for (found, variable) in found.iter().zip(variables) {
+                assert!((found - variable).abs() < 1e-4, "{kind:?}: {found} {variable}");
+            }
+            assert!(deviations.iter().all(|deviation| deviation.abs() < 1e-4));
+        }
+        // Deviations are what the profile leaves, so that the radii are the same.
+        let profile = profile(Radius::Field);
+        expected[[5, 0, 1]] = 3.0;
+        let radii = profile.volume(&grid, &[3.5, -4.0], &expected).unwrap().unwrap();
+        let (found, deviations) = profile.nearest(&radii, &extinction);
+        let again = profile.volume(&grid, &found, &deviations).unwrap().unwrap();
+        for (((k, _, i), again), radius) in again.values.indexed_iter().zip(&radii.values) {
+            assert!(!is_cloudy(k, i) || (again / radius - 1.0).abs() < 1e-5);
+        }
+        let nothing = profile.nearest(&radii, &Volume::constant(grid, 0.0));
+        assert_eq!(nothing, (vec![0.0; 2], Array3::zeros(grid.shape)));
     }
 
     #[test]

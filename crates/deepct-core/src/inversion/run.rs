@@ -194,12 +194,16 @@ impl<'a> Run<'a> {
         }
         let expected = match start {
             Start::Estimate(estimate) => {
-                let Estimate { extinction, uncertainty } = &**estimate;
+                let Estimate { extinction, uncertainty, effective_radius } = &**estimate;
                 check_grid("grid of the start", &mask.grid, &extinction.grid)?;
                 extinction.check_non_negative("extinction of the start")?;
                 if let Some(uncertainty) = uncertainty {
                     check_grid("grid of the uncertainty", &mask.grid, &uncertainty.grid)?;
                     uncertainty.check_non_negative("uncertainty of the start")?;
+                }
+                if let Some(radius) = effective_radius {
+                    check_grid("grid of the effective radius", &mask.grid, &radius.grid)?;
+                    radius.check_non_negative("effective radius of the start")?;
                 }
                 Some(&**estimate)
             }
@@ -237,7 +241,15 @@ impl<'a> Run<'a> {
             Start::Constant(extinction) => {
                 return Err(Error::out_of_range("start", extinction, "positive (1/km)"));
             }
-            Start::Estimate(estimate) => (estimate.extinction.clone(), false),
+            Start::Estimate(estimate) => {
+                let mut unknowns = self.begin_at(estimate.extinction.clone());
+                if let Some(radius) = &estimate.effective_radius {
+                    let (profile, deviations) = self.profile.nearest(radius, &estimate.extinction);
+                    unknowns.profile = profile;
+                    unknowns.deviations.values = deviations.mapv(|deviation| deviation as f32);
+                }
+                return Ok((unknowns, false));
+            }
         };
         Ok((self.begin_at(volume), search))
     }

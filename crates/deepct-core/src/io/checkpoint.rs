@@ -49,7 +49,8 @@ pub fn inversion_identity(problem: &Problem, start: &Start, configuration: &str)
     }
     if let Start::Estimate(estimate) = start {
         fields.push(&estimate.extinction.values);
-        fields.extend(estimate.uncertainty.as_ref().map(|volume| &volume.values));
+        let others = [&estimate.uncertainty, &estimate.effective_radius].into_iter().flatten();
+        fields.extend(others.map(|volume| &volume.values));
     }
     let mut parts: Vec<Vec<u8>> =
         fields.iter().map(|field| field.iter().flat_map(|x| x.to_le_bytes()).collect()).collect();

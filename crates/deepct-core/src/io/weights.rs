@@ -1,6 +1,6 @@
 //! Weights files: safetensors with metadata in the header that specify their range of application.
 //!
-//! # The file, version 2
+//! # The file
 //! A safetensors file of little-endian `F32` tensors in C order:
 //!
 //! | tensor | shape | |
@@ -16,14 +16,14 @@
 //! tensors.
 //!
 //! The header's `__metadata__` has the single key `deepct`. Its value is a JSON object of the
-//! following form, shown for 10 views and 3 layers. All keys are required, other keys are not
-//! permitted, and all numbers must be finite:
+//! following form, shown for 10 views in two bands and 3 layers. All keys are required except for
+//! `effective_radius_scale`, other keys are not permitted, and all numbers must be finite:
 //!
 //! ```json
 //! {
-//!   "format_version": 2,
+//!   "format_version": 5,
 //!   "formation": "cloudct-10",
-//!   "architecture": { "channels": [40, 48, 48, 32], "last_relu": true },
+//!   "architecture": { "channels": [80, 48, 48, 96], "last_relu": true },
 //!   "view_geometry": {
 //!     "sun_zenith_deg": 30.0,
 //!     "sun_azimuth_deg": 45.0,
@@ -33,12 +33,14 @@
 //!     "camera_distance_km": [827.1, 710.1, 660.9, 628.0, 606.8, 600.0, 606.8, 628.0, 660.9, 710.1]
 //!   },
 //!   "target_altitude_km": 1.0,
-//!   "wavelength_um": 0.672,
+//!   "wavelength_um": [0.672, 2.13],
 //!   "image_layout": { "planes": { "altitudes_km": [0.56, 0.88, 1.2, 1.52] } },
 //!   "horizontal_spacing_km": [0.05, 0.05],
 //!   "levels": { "bottom_km": 0.4, "count": 32, "spacing_km": 0.04 },
+//!   "outputs": ["extinction", "uncertainty", "effective_radius"],
 //!   "input_scale": 10.0,
 //!   "output_scale": 1.0,
+//!   "effective_radius_scale": 10.0,
 //!   "training": { "data": "bomex", "identity": "SHA-256 of the manifest", "samples": 1000, "seed": 1 },
 //!   "scores": { "epsilon": 0.5, "delta": 0.1 },
 //!   "program": "weights_tools 0.1.0",
@@ -46,20 +48,24 @@
 //! }
 //! ```
 //!
-//! Version 1, which can also be read, supports only the image layout `"camera"` and has no
-//! `camera_distance_km`.
+//! Earlier versions can also be read. Version 3 has one band and no effective radius; version 2 has no
+//! `outputs`, of which the extinction is the only one; version 1 supports only the image layout
+//! `"camera"` and has no `camera_distance_km`.
 //!
 //! | key | meaning |
 //! |---|---|
-//! | `architecture.channels` | numbers of channels before, between and after the layers: the first is the number of views, multiplied by the number of planes if there are planes; the last is `levels.count` |
+//! | `architecture.channels` | numbers of channels before, between and after the layers: the first is the number of views, multiplied by the number of bands, and by the number of planes if there are planes; the last is `levels.count` multiplied by the number of outputs |
 //! | `architecture.last_relu` | whether a ReLU follows the last layer; a ReLU follows every other layer |
-//! | `view_geometry` | as [`ViewGeometry`](crate::image::ViewGeometry): angles at the scene in degrees, zenith angles in `[0, 90)`, azimuths clockwise from north towards the Sun or the satellite; pixel size at the target and distance of the camera from it (km; `null` for parallel rays); lists have one entry per view, in the order of the input channels |
+//! | `view_geometry` | as [`ViewGeometry`](crate::image::ViewGeometry): angles at the scene in degrees, zenith angles in `[0, 90)`, azimuths clockwise from north towards the Sun or the satellite; pixel size at the target and distance of the camera from it (km; `null` for parallel rays); lists have one entry per view, in the order of the input channels; all bands have the same views |
+//! | `wavelength_um` | the wavelength of the images, or a list with that of each band; the input channels are the views of the first band, then those of the next one (on each plane) |
+//! | `outputs` | `"extinction"`, then `"uncertainty"`, the expected absolute error of the extinction, and `"effective_radius"`, each optional |
 //! | `target_altitude_km` | altitude of the point at the centre of every image (km) |
 //! | `image_layout` | `"camera"`: the images are used in the camera geometry; `{"planes": {"altitudes_km": [...]}}`: the images are first resampled onto these horizontal planes, see [`Planes`](crate::network::Planes) |
 //! | `horizontal_spacing_km` | voxel size along x and y (km): one output pixel is one column of voxels |
-//! | `levels` | output channel `k` is the layer from `bottom_km + k * spacing_km` to `bottom_km + (k + 1) * spacing_km` |
+//! | `levels` | channel `k` of each output is the layer from `bottom_km + k * spacing_km` to `bottom_km + (k + 1) * spacing_km` |
 //! | `input_scale` | network input = radiance (1/sr) x `input_scale` |
-//! | `output_scale` | extinction (1/km) = network output x `output_scale` |
+//! | `output_scale` | extinction and uncertainty (1/km) = network output x `output_scale` |
+//! | `effective_radius_scale` | effective radius (um) = network output x `effective_radius_scale`, limited to 1 to 25 um; required if it is an output |
 //! | `scores` | scores with arbitrary names; `epsilon` and `delta` are those of the validation set, as fractions |
 //! | `configuration` | the resolved configuration of the training, as arbitrary JSON |
 
@@ -468,7 +474,7 @@ mod tests {
             let views = formation.views(target, [32, 32]).unwrap();
             let images = ViewStack::new(ndarray::Array3::zeros((views.len(), 32, 32))).unwrap();
             let observation = Observation::new(Sun::default(), views, images).unwrap();
-            metadata.check_images(&observation.imaging_geometry().unwrap()).unwrap();
+            metadata.check_images([&observation.imaging_geometry().unwrap()]).unwrap();
             assert_eq!(metadata.formation, name);
             assert!(metadata.scores["epsilon"] < 1.0, "{:?}", metadata.scores);
         }

@@ -1,6 +1,7 @@
 //! The estimate of a cloud by a network.
 
-use crate::grid::Volume;
+use crate::error::Result;
+use crate::grid::{Mask, Volume};
 
 /// The estimate of a cloud by a network.
 #[derive(Debug, Clone, PartialEq)]
@@ -10,16 +11,40 @@ pub struct Estimate {
     /// The expected absolute error of the extinction of each voxel (1/km), if the weights provide
     /// it.
     pub uncertainty: Option<Volume>,
+    /// The effective radius (um), 0 where there is no extinction, if the weights provide it.
+    pub effective_radius: Option<Volume>,
 }
 
 impl From<Volume> for Estimate {
-    /// Creates an estimate without uncertainty.
+    /// Creates an estimate of the extinction alone.
     fn from(extinction: Volume) -> Self {
-        Self { extinction, uncertainty: None }
+        Self { extinction, uncertainty: None, effective_radius: None }
     }
 }
 
 impl Estimate {
+    /// Sets all quantities to zero outside of a mask.
+    ///
+    /// # Errors
+    /// A mask on another grid.
+    pub fn apply(&mut self, mask: &Mask) -> Result<()> {
+        let Self { extinction, uncertainty, effective_radius } = self;
+        let others = [uncertainty, effective_radius].into_iter().flatten();
+        others.chain([extinction]).try_for_each(|volume| mask.apply(volume))
+    }
+
+    /// The mean effective radius (um), weighted by the extinction. `None` if there is no effective
+    /// radius or no extinction.
+    pub fn mean_effective_radius(&self) -> Option<f64> {
+        let radius = self.effective_radius.as_ref()?;
+        let pairs = self.extinction.values.iter().zip(&radius.values);
+        let (total, sum) = pairs.fold((0.0, 0.0), |(total, sum), (&extinction, &radius)| {
+            let extinction = f64::from(extinction);
+            (total + extinction, sum + extinction * f64::from(radius))
+        });
+        (total > 0.0).then(|| sum / total)
+    }
+
     /// The relative error (epsilon) that the network expects of its estimate: the sum of the
     /// uncertainty over that of the extinction. `None` if there is no uncertainty or no extinction.
     pub fn expected_relative_error(&self) -> Option<f64> {

@@ -2,7 +2,10 @@
 
 use super::surface::{above_surface, surface_albedo};
 use super::unusual::{image_statistics, unusual_gaps, unusual_surface};
-use super::{Estimate, GeneralMetadata, GeneralWeights, Network, Training, Unusual, Weights};
+use super::{
+    BandImages, Estimate, GeneralMetadata, GeneralWeights, Network, NetworkOutput, Training,
+    Unusual, Weights,
+};
 use crate::conv::Settings;
 use crate::error::{Error, Result};
 use crate::grid::{Grid, Volume};
@@ -46,6 +49,12 @@ impl TrainedWeights {
             Self::Formation(weights) => &weights.metadata.training,
             Self::General(weights) => &weights.metadata.training,
         }
+    }
+
+    /// Whether the weights also estimate the effective radius.
+    pub fn has_effective_radius(&self) -> bool {
+        let Self::Formation(weights) = self else { return false };
+        weights.metadata.outputs.contains(&NetworkOutput::EffectiveRadius)
     }
 
     /// The formation that the images must have; `None` for general weights.
@@ -96,6 +105,14 @@ impl Estimator {
     /// The weights.
     pub fn weights(&self) -> &TrainedWeights {
         &self.weights
+    }
+
+    /// Number of bands whose images the weights are for.
+    pub fn bands(&self) -> usize {
+        match &self.weights {
+            TrainedWeights::Formation(weights) => weights.metadata.bands(),
+            TrainedWeights::General(_) => 1,
+        }
     }
 
     /// The grid on which [`Estimator::estimate`] estimates the cloud in images of `[rows, cols]`
@@ -161,24 +178,62 @@ impl Estimator {
         geometry: &ImagingGeometry,
         grid: Option<&Grid>,
     ) -> Result<Estimate> {
-        let (images, geometry) = self.without_missing(images, geometry)?;
-        let (images, geometry) = (&*images, &*geometry);
+        self.estimate_bands(&[BandImages { images, geometry }], grid)
+    }
+
+    /// As [`Estimator::estimate`], for images of the bands that the weights are for, in their order.
+    /// General weights are for one band.
+    ///
+    /// # Errors
+    /// As [`Estimator::estimate`]; another number of bands, or other wavelengths.
+    pub fn estimate_bands(
+        &self,
+        bands: &[BandImages<'_>],
+        grid: Option<&Grid>,
+    ) -> Result<Estimate> {
+        if let TrainedWeights::Formation(weights) = &self.weights {
+            weights.metadata.check_bands(bands.iter().map(|band| band.geometry.wavelength_um))?;
+        }
+        let filled = bands.iter().map(|band| self.without_missing(band.images, band.geometry));
+        let filled = filled.collect::<Result<Vec<_>>>()?;
+        let [(images, geometry), others @ ..] = &filled[..] else {
+            return Err(Error::out_of_range("number of bands", 0, "at least 1"));
+        };
         let [_, rows, cols] = images.shape();
         let own = self.grid(geometry, [rows, cols])?;
         let grid = grid.unwrap_or(&own);
-        let inner = match &self.weights {
-            TrainedWeights::Formation(_) => *grid,
-            TrainedWeights::General(weights) => self.inner_grid(weights, images, geometry, grid)?,
-        };
-        let mut estimate = self.on_inner(images, geometry, &inner, self.outside_training)?;
-        if let TrainedWeights::General(weights) = &self.weights {
-            estimate.calibrate(&weights.metadata.calibration);
+        match &self.weights {
+            TrainedWeights::Formation(_) => {
+                let bands = filled.iter().map(|(images, geometry)| BandImages { images, geometry });
+                let bands: Vec<_> = bands.collect();
+                self.folded(geometry, grid, self.outside_training)?.estimate_bands(grid, &bands)
+            }
+            TrainedWeights::General(_) if !others.is_empty() => {
+                let remedy = "general weights are for one band: give the images of one, or weights for \
+                              these bands";
+                Err(Error::mismatch("number of bands", 1, bands.len(), remedy))
+            }
+            TrainedWeights::General(weights) => self.by_general(weights, images, geometry, grid),
         }
+    }
+
+    /// The estimate by general weights on a grid.
+    fn by_general(
+        &self,
+        weights: &GeneralWeights,
+        images: &ViewStack,
+        geometry: &ImagingGeometry,
+        grid: &Grid,
+    ) -> Result<Estimate> {
+        let inner = self.inner_grid(weights, images, geometry, grid)?;
+        let mut estimate =
+            self.on_inner(weights, images, geometry, &inner, self.outside_training)?;
+        estimate.calibrate(&weights.metadata.calibration);
         if inner.matches(grid) {
             return Ok(estimate);
         }
         let uncertainty = estimate.uncertainty.as_ref().map(|volume| volume.resampled(grid));
-        Ok(Estimate { extinction: estimate.extinction.resampled(grid), uncertainty })
+        Ok(Estimate { uncertainty, ..estimate.extinction.resampled(grid).into() })
     }
 
     /// The images with missing pixels interpolated. Views without any known pixel are left out, which
@@ -210,18 +265,16 @@ impl Estimator {
         Ok((Cow::Owned(some.filled().into_owned()), Cow::Owned(geometry.of_views(&chosen))))
     }
 
-    /// The estimate on a grid with the voxels and levels of a network.
+    /// The estimate by general weights on a grid with voxels and levels of their network.
     fn on_inner(
         &self,
+        weights: &GeneralWeights,
         images: &ViewStack,
         geometry: &ImagingGeometry,
         inner: &Grid,
         force: bool,
     ) -> Result<Estimate> {
         let network = self.folded(geometry, inner, force)?;
-        let TrainedWeights::General(weights) = &self.weights else {
-            return network.estimate_on(inner, images, geometry);
-        };
         let averaged = average_fine_pixels(images, geometry, inner.spacing.x);
         let images = averaged.as_ref().unwrap_or(images);
         let adjusted = match weights.metadata.surface_albedo {
@@ -253,7 +306,7 @@ impl Estimator {
             return covered(weights, grid, &shown, wide, grid.center().z);
         }
         let inner = covered(weights, grid, &shown, covering, grid.center().z)?;
-        let first = self.on_inner(images, geometry, &inner, true)?.extinction;
+        let first = self.on_inner(weights, images, geometry, &inner, true)?.extinction;
         let Some([low, high]) = altitudes(&first) else { return Ok(inner) };
         let voxel_km = in_levels(high - low).max(wide);
         // The window stays within the grid as far as it can.
@@ -326,7 +379,7 @@ impl Estimator {
             let network = self.network(geometry, &inner)?;
             return image_statistics(&network, images, geometry, &estimate.extinction);
         }
-        let on_inner = self.on_inner(images, geometry, &inner, self.outside_training)?;
+        let on_inner = self.on_inner(weights, images, geometry, &inner, self.outside_training)?;
         let network = self.network(geometry, &inner)?;
         image_statistics(&network, images, geometry, &on_inner.extinction)
     }

@@ -6,8 +6,18 @@ use crate::conv::{self, Conv2d, Scales, Settings, Stack};
 use crate::error::{Error, Result};
 use crate::grid::{Grid, Volume};
 use crate::image::{ImagingGeometry, ViewStack};
+use crate::optics::TABLE_RADII;
 
 use ndarray::{Array3, s};
+
+/// The images of one band, `[view, row, col]`, with their imaging geometry.
+#[derive(Debug, Clone, Copy)]
+pub struct BandImages<'a> {
+    /// Radiance, in the unit of the solar irradiance over sr.
+    pub images: &'a ViewStack,
+    /// The geometry of the views.
+    pub geometry: &'a ImagingGeometry,
+}
 
 /// A network that is ready to run, with its weights packed for the processor.
 #[derive(Debug, Clone)]
@@ -66,7 +76,7 @@ impl Network {
         &self.metadata
     }
 
-    /// Number of views that the network requires.
+    /// Number of views that the network requires of each band.
     pub fn views(&self) -> usize {
         self.metadata.views()
     }
@@ -99,7 +109,7 @@ impl Network {
         Ok(self.estimate(images, geometry)?.extinction)
     }
 
-    /// As [`Network::infer`], with the uncertainty of the extinction if the weights provide it.
+    /// As [`Network::infer`], with the further quantities that the weights provide.
     ///
     /// # Errors
     /// As [`Network::infer`].
@@ -113,26 +123,46 @@ impl Network {
     /// estimated from the values at its edge, and missing pixels are interpolated.
     ///
     /// # Errors
-    /// As [`Network::infer`]; a grid with other voxels or levels; a grid other than
-    /// [`Network::grid`] if the network reads the images as recorded by the cameras.
+    /// As [`Network::estimate_bands`].
     pub fn estimate_on(
         &self,
         grid: &Grid,
         images: &ViewStack,
         geometry: &ImagingGeometry,
     ) -> Result<Estimate> {
-        self.metadata.check_images(geometry)?;
+        self.estimate_bands(grid, &[BandImages { images, geometry }])
+    }
+
+    /// As [`Network::estimate_on`], for images of the bands that the weights are for, in their order.
+    ///
+    /// # Errors
+    /// As [`Network::infer`]; bands whose images have other sizes than those of the first one; a grid
+    /// with other voxels or levels; a grid other than [`Network::grid`] if the network reads the images
+    /// as recorded by the cameras.
+    pub fn estimate_bands(&self, grid: &Grid, bands: &[BandImages<'_>]) -> Result<Estimate> {
+        self.metadata.check_images(bands.iter().map(|band| band.geometry))?;
         grid.check_memory()?;
-        let [views, rows, cols] = images.shape();
-        if views != self.views() {
+        let first = bands[0];
+        let [_, rows, cols] = first.images.shape();
+        for band in bands {
             let remedy = "give the images of the formation that the weights are for";
-            return Err(Error::mismatch("number of views", self.views(), views, remedy));
+            let views = band.images.shape()[0];
+            if views != self.views() {
+                return Err(Error::mismatch("number of views", self.views(), views, remedy));
+            }
+            let size = |images: &ViewStack| format!("{:?}", &images.shape()[1..]);
+            let (expected, found) = (size(first.images), size(band.images));
+            if expected != found {
+                let remedy = "give images of the same pixels in all bands";
+                return Err(Error::mismatch("size of the images", expected, found, remedy));
+            }
         }
-        let [x, y, _] = geometry.target_km;
+        let [x, y, _] = first.geometry.target_km;
         let (size, center) = ([grid.shape[1], grid.shape[2]], grid.center());
+        let shifts = self.shifts(bands);
         let supported = match self.resampler {
             Some(_) => self.grid([center.x, center.y], size)?,
-            None if geometry.shifts.is_empty() => self.grid([x, y], [rows, cols])?,
+            None if shifts.is_empty() => self.grid([x, y], [rows, cols])?,
             None => {
                 let remedy =
                     "give whole images: these weights read them as recorded by the cameras";
@@ -140,29 +170,65 @@ impl Network {
             }
         };
         supported.check_same("the estimate", grid)?;
-        let images = &*images.filled();
-        let unit = (1.0 / geometry.solar_irradiance) as f32;
-        let scaled = (unit != 1.0).then(|| unit * &images.values);
-        let radiance = scaled.as_ref().unwrap_or(&images.values).as_standard_layout();
-        let radiance = radiance.as_slice().expect("standard layout is contiguous");
+        let mut radiance = Vec::with_capacity(bands.len() * first.images.values.len());
+        for BandImages { images, geometry } in bands {
+            let unit = (1.0 / geometry.solar_irradiance) as f32;
+            radiance.extend(images.filled().values.iter().map(|value| unit * value));
+        }
         let mut scratch = self.scratch([1, size[0], size[1]])?;
         let mut values = Array3::zeros([self.output_channels(), size[0], size[1]]);
         let output = values.as_slice_mut().expect("a new array is contiguous");
         let field = Field { size, center: [center.y - y, center.x - x] };
-        let frame = Frame { size: [rows, cols], shifts: &geometry.shifts };
+        let frame = Frame { size: [rows, cols], shifts: &shifts };
         if let Some(resampler) = &self.resampler
             && !resampler.shows(field, frame)
         {
             let range = "in the images: no view shows any of its columns";
             return Err(Error::out_of_range("grid of the estimate", grid, range));
         }
-        self.run_on(radiance, frame, field, output, &mut scratch)?;
-        let uncertainty = match self.metadata.outputs.contains(&NetworkOutput::Uncertainty) {
-            true => Some(Volume::new(*grid, values.slice(s![self.levels().., .., ..]).to_owned())?),
-            false => None,
+        self.run_on(&radiance, frame, field, output, &mut scratch)?;
+        self.estimate_of(grid, values)
+    }
+
+    /// The positions of the targets in the images of all bands; empty if they are at the centres.
+    fn shifts(&self, bands: &[BandImages<'_>]) -> Vec<[f64; 2]> {
+        if bands.iter().all(|band| band.geometry.shifts.is_empty()) {
+            return Vec::new();
+        }
+        let of_band = |band: &BandImages| {
+            let mut shifts = band.geometry.shifts.clone();
+            shifts.resize(self.views(), [0.0; 2]);
+            shifts
         };
-        values.slice_collapse(s![..self.levels(), .., ..]);
-        Ok(Estimate { extinction: Volume::new(*grid, values)?, uncertainty })
+        bands.iter().flat_map(of_band).collect()
+    }
+
+    /// The quantities in the output, `[output and level, row, col]`.
+    fn estimate_of(&self, grid: &Grid, mut values: Array3<f32>) -> Result<Estimate> {
+        let (metadata, levels) = (&self.metadata, self.levels());
+        let part = |output: NetworkOutput| {
+            let number = metadata.outputs.iter().position(|one| *one == output)?;
+            let part = values.slice(s![number * levels..(number + 1) * levels, .., ..]);
+            Some(part.to_owned())
+        };
+        let uncertainty = part(NetworkOutput::Uncertainty);
+        let radius = part(NetworkOutput::EffectiveRadius);
+        values.slice_collapse(s![..levels, .., ..]);
+        let scale = metadata.effective_radius_scale.unwrap_or(1.0) / metadata.output_scale;
+        let [least, most] = TABLE_RADII.map(|radius| radius as f32);
+        let radius = radius.map(|mut radius| {
+            radius.zip_mut_with(&values, |radius, &extinction| {
+                let limited = (scale as f32 * *radius).clamp(least, most);
+                *radius = if extinction > 0.0 { limited } else { 0.0 };
+            });
+            radius
+        });
+        let volume = |values| Volume::new(*grid, values);
+        Ok(Estimate {
+            uncertainty: uncertainty.map(volume).transpose()?,
+            effective_radius: radius.map(volume).transpose()?,
+            extinction: volume(values)?,
+        })
     }
 
     /// Allocates memory for [`Network::run`] for images of the size `[cloud, row, col]`.
@@ -178,9 +244,9 @@ impl Network {
         Ok(Scratch { stack, size, ground })
     }
 
-    /// Computes the outputs (1/km), `[cloud, output and level, row, col]` with the extinction
-    /// first, for images of radiance (1/sr), `[cloud, view, row, col]`, of the size for which
-    /// `scratch` was allocated. All arrays are in C order. No memory is allocated.
+    /// Computes the outputs times the `output_scale` of the metadata, `[cloud, output and level, row,
+    /// col]` with the extinction (1/km) first, for images of radiance (1/sr), `[cloud, band and view,
+    /// row, col]`, of the size for which `scratch` was allocated. All arrays are in C order. No memory is allocated.
     ///
     /// # Errors
     /// Slices whose lengths do not match these shapes.
@@ -220,7 +286,11 @@ impl Network {
         let [rows, cols] = frame.size;
         let Some(resampler) = &self.resampler else { return self.stack.run(input, output, stack) };
         for (what, expected, found) in [
-            ("number of values of the input", size[0] * self.views() * rows * cols, input.len()),
+            (
+                "number of values of the input",
+                size[0] * self.metadata.images() * rows * cols,
+                input.len(),
+            ),
             ("length of the scratch", resampler.ground_len(*size)?, ground.len()),
         ] {
             if expected != found {
@@ -245,7 +315,7 @@ mod tests {
         ImagingGeometry {
             views: metadata.view_geometry.clone(),
             target_km: [x, y, metadata.target_altitude_km],
-            wavelength_um: metadata.wavelength_um,
+            wavelength_um: metadata.wavelengths_um[0],
             solar_irradiance: 1.0,
             shifts: Vec::new(),
         }

@@ -9,8 +9,8 @@ use serde::{Deserialize, Serialize};
 #[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
 pub enum ImageLayout {
-    /// As recorded by the cameras: channel `view` is the image of that view, and the pixel `[row,
-    /// col]` of that image is the input pixel `[row, col]`.
+    /// As recorded by the cameras: channel `band * views + view` is the image of that view in that
+    /// band, and the pixel `[row, col]` of that image is the input pixel `[row, col]`.
     Camera,
     /// Resampled onto horizontal planes.
     Planes(Planes),
@@ -26,8 +26,8 @@ pub enum ImageLayout {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Planes {
-    /// Altitudes of the planes (km). Channel `plane * views + view` of the first layer is the image
-    /// of `view` on that plane.
+    /// Altitudes of the planes (km). Channel `(plane * bands + band) * views + view` of the first layer
+    /// is the image of `view` in that band on that plane.
     pub altitudes_km: Vec<f64>,
     /// Whether there are two more channels for each plane, after those of the views: first the
     /// minimum over the views on each plane, then the maximum on each plane. A voxel is clear where
@@ -50,12 +50,22 @@ impl WeightsMetadata {
         self.view_geometry.view_zenith_deg.len()
     }
 
+    /// Number of bands.
+    pub fn bands(&self) -> usize {
+        self.wavelengths_um.len()
+    }
+
+    /// Number of images: the views of each band.
+    pub fn images(&self) -> usize {
+        self.bands() * self.views()
+    }
+
     /// Number of input channels of the first layer.
     pub fn input_channels(&self) -> usize {
         match &self.image_layout {
-            ImageLayout::Camera => self.views(),
+            ImageLayout::Camera => self.images(),
             ImageLayout::Planes(Planes { altitudes_km, extremes }) => {
-                (self.views() + 2 * usize::from(*extremes)) * altitudes_km.len()
+                (self.images() + 2 * usize::from(*extremes)) * altitudes_km.len()
             }
         }
     }
@@ -78,6 +88,10 @@ impl WeightsMetadata {
         let ImageLayout::Planes(planes) = &self.image_layout else { return Ok(()) };
         if planes.altitudes_km.is_empty() {
             return Err(Error::out_of_range("image_layout.planes.altitudes_km", "[]", "not empty"));
+        }
+        if planes.extremes && self.bands() > 1 {
+            let range = "false for several bands";
+            return Err(Error::out_of_range("image_layout.planes.extremes", "true", range));
         }
         let (expected, found) = (self.views(), self.view_geometry.camera_distance_km.len());
         if expected != found {

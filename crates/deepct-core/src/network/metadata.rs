@@ -10,8 +10,9 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
 /// The version of the metadata that this program writes. It also reads earlier versions: version 1
-/// had neither planes nor camera distances; version 2 had no outputs other than the extinction.
-pub const FORMAT_VERSION: u32 = 3;
+/// had neither planes nor camera distances; version 2 had no outputs other than the extinction; version
+/// 3 had one band and no effective radius. Version 4 is that of general weights.
+pub const FORMAT_VERSION: u32 = 5;
 
 /// Largest accepted difference of a direction of view or of the Sun from that of the weights
 /// (degrees).
@@ -20,12 +21,15 @@ const ANGLE_TOLERANCE_DEG: f64 = 0.1;
 const RELATIVE_TOLERANCE: f64 = 0.01;
 /// Largest accepted difference of the altitude of the target, in levels.
 const LEVEL_TOLERANCE: f64 = 0.1;
+/// Largest accepted distance between the targets of two bands, in voxels.
+const POSITION_TOLERANCE: f64 = 0.02;
 /// Largest accepted relative difference of the distance of a camera. It displaces the edges of a
 /// field of 6 km by 1/50 of a pixel.
 const DISTANCE_TOLERANCE: f64 = 0.1;
 
 /// The possible outputs of the last layer, in this order; the first one is mandatory.
-const OUTPUTS: [NetworkOutput; 2] = [NetworkOutput::Extinction, NetworkOutput::Uncertainty];
+const OUTPUTS: [NetworkOutput; 3] =
+    [NetworkOutput::Extinction, NetworkOutput::Uncertainty, NetworkOutput::EffectiveRadius];
 
 /// Metadata of weights: the imaging conditions, the use of the network and the origin of the
 /// weights.
@@ -42,8 +46,10 @@ pub struct WeightsMetadata {
     pub view_geometry: ViewGeometry,
     /// Altitude of the point at the centre of every image (km).
     pub target_altitude_km: f64,
-    /// Wavelength of the images (um).
-    pub wavelength_um: f64,
+    /// Wavelength of the images of each band (um), in the order of the input channels. All bands have
+    /// the same views. In a file, a number for one band and a list for several.
+    #[serde(rename = "wavelength_um", with = "one_or_several")]
+    pub wavelengths_um: Vec<f64>,
     /// Arrangement of the images as input channels of the first layer.
     pub image_layout: ImageLayout,
     /// Voxel size along x and y (km); one pixel of the output is one column of voxels.
@@ -57,6 +63,10 @@ pub struct WeightsMetadata {
     pub input_scale: f64,
     /// Outputs (1/km) = output of the network x `output_scale`.
     pub output_scale: f64,
+    /// Effective radius (um) = output of the network x `effective_radius_scale`, limited to
+    /// [`TABLE_RADII`](crate::optics::TABLE_RADII); given if it is an output.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub effective_radius_scale: Option<f64>,
     /// The training data.
     pub training: Training,
     /// Scores by name; `epsilon` and `delta` on the validation set.
@@ -69,13 +79,15 @@ pub struct WeightsMetadata {
 
 /// An output of the network for each voxel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
+#[serde(rename_all = "snake_case")]
 #[non_exhaustive]
 pub enum NetworkOutput {
     /// The extinction (1/km).
     Extinction,
     /// The expected absolute error of the extinction (1/km).
     Uncertainty,
+    /// The effective radius of the droplets (um), which has no meaning where there is no extinction.
+    EffectiveRadius,
 }
 
 impl NetworkOutput {
@@ -84,7 +96,34 @@ impl NetworkOutput {
         match self {
             Self::Extinction => "extinction",
             Self::Uncertainty => "uncertainty",
+            Self::EffectiveRadius => "effective_radius",
         }
+    }
+}
+
+/// A list of numbers that is stored as a number if it has one element.
+mod one_or_several {
+    use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+    #[derive(Deserialize)]
+    #[serde(untagged, expecting = "a number or a list of numbers")]
+    enum OneOrSeveral {
+        One(f64),
+        Several(Vec<f64>),
+    }
+
+    pub(super) fn serialize<S: Serializer>(values: &[f64], to: S) -> Result<S::Ok, S::Error> {
+        match values {
+            [value] => value.serialize(to),
+            _ => values.serialize(to),
+        }
+    }
+
+    pub(super) fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Vec<f64>, D::Error> {
+        Ok(match OneOrSeveral::deserialize(from)? {
+            OneOrSeveral::One(value) => vec![value],
+            OneOrSeveral::Several(values) => values,
+        })
     }
 }
 
@@ -143,7 +182,6 @@ impl WeightsMetadata {
         let positive = [
             ("input_scale", self.input_scale),
             ("output_scale", self.output_scale),
-            ("wavelength_um", self.wavelength_um),
             ("horizontal_spacing_km", self.horizontal_spacing_km[0]),
             ("horizontal_spacing_km", self.horizontal_spacing_km[1]),
             ("levels.spacing_km", self.levels.spacing_km),
@@ -152,7 +190,10 @@ impl WeightsMetadata {
         let pixels = geometry.pixel_km.iter().map(|&size| ("view_geometry.pixel_km", size));
         let distances = geometry.camera_distance_km.iter().flatten();
         let distances = distances.map(|&distance| ("camera_distance_km", distance));
-        for (name, value) in positive.into_iter().chain(pixels).chain(distances) {
+        let wavelengths = self.wavelengths_um.iter().map(|&value| ("wavelength_um", value));
+        let radius = self.effective_radius_scale.iter().map(|&s| ("effective_radius_scale", s));
+        let lists = pixels.chain(distances).chain(wavelengths).chain(radius);
+        for (name, value) in positive.into_iter().chain(lists) {
             if !(value.is_finite() && value > 0.0) {
                 return Err(Error::out_of_range(name, value, "positive and finite"));
             }
@@ -187,10 +228,22 @@ impl WeightsMetadata {
                 range,
             ));
         }
-        if ![&OUTPUTS[..1], &OUTPUTS[..]].contains(&&self.outputs[..]) {
+        let known: Vec<_> = OUTPUTS.into_iter().filter(|one| self.outputs.contains(one)).collect();
+        if known != self.outputs || self.outputs.first() != Some(&NetworkOutput::Extinction) {
             let found = format!("{:?}", self.outputs);
-            let range = "[\"extinction\"] or [\"extinction\", \"uncertainty\"]";
+            let range = "\"extinction\", then \"uncertainty\", \"effective_radius\" or both";
             return Err(Error::out_of_range("outputs", found, range));
+        }
+        let is_scaled = self.effective_radius_scale.is_some();
+        if is_scaled != self.outputs.contains(&NetworkOutput::EffectiveRadius) {
+            let found = if is_scaled { "given" } else { "missing" };
+            let range = "given if \"effective_radius\" is an output, and only then";
+            return Err(Error::out_of_range("effective_radius_scale", found, range));
+        }
+        let repeated = |(number, wavelength)| self.wavelengths_um[..number].contains(wavelength);
+        if self.bands() == 0 || self.wavelengths_um.iter().enumerate().any(repeated) {
+            let found = format!("{:?}", self.wavelengths_um);
+            return Err(Error::out_of_range("wavelength_um", found, "one of each band"));
         }
         let levels = channels[channels.len() - 1];
         let (views, geometry) = (self.views(), &self.view_geometry);
@@ -212,18 +265,66 @@ impl WeightsMetadata {
         Ok(())
     }
 
-    /// Returns an error unless the weights are valid for images taken under these conditions.
+    /// Returns an error unless the weights are valid for images of bands taken under these conditions.
     ///
     /// Zenith angles may differ by 0.1 degrees, and azimuths by as much as displaces the line of
-    /// sight by 0.1 degrees; pixel sizes and the wavelength by 1 %; the altitude of the target by a
-    /// tenth of a level; the distance of a camera, if the weights specify it, by 10 %.
+    /// sight by 0.1 degrees; pixel sizes and the wavelengths by 1 %; the altitude of the target by a
+    /// tenth of a level; the distance of a camera, if the weights specify it, by 10 %. The targets of
+    /// all bands must be the same.
     ///
     /// # Errors
     /// An [`Error::Mismatch`] with the first quantity that differs, its expected and its actual
     /// value.
-    pub fn check_images(&self, taken: &ImagingGeometry) -> Result<()> {
-        let ImagingGeometry { views: geometry, target_km: [.., altitude], wavelength_um, .. } =
-            taken;
+    pub fn check_images<'a>(
+        &self,
+        bands: impl IntoIterator<Item = &'a ImagingGeometry>,
+    ) -> Result<()> {
+        let bands: Vec<_> = bands.into_iter().collect();
+        self.check_bands(bands.iter().map(|taken| taken.wavelength_um))?;
+        bands.iter().try_for_each(|taken| self.check_band(taken))?;
+        let [x, y, _] = bands.first().map_or([0.0; 3], |taken| taken.target_km);
+        let most = POSITION_TOLERANCE * self.horizontal_spacing_km[0];
+        let elsewhere = |taken: &&&ImagingGeometry| {
+            !(within(taken.target_km[0] - x, most) && within(taken.target_km[1] - y, most))
+        };
+        match bands.iter().find(elsewhere) {
+            None => Ok(()),
+            Some(&&ImagingGeometry { target_km: [east, north, _], .. }) => {
+                let place = |x: f64, y: f64| format!("x {x:.4}, y {y:.4} km");
+                Err(Error::mismatch(
+                    "target of a band",
+                    place(x, y),
+                    place(east, north),
+                    "give images of the same scene in each band",
+                ))
+            }
+        }
+    }
+
+    /// Compares the number of bands and their wavelengths (um) with those of the weights.
+    pub(super) fn check_bands(&self, wavelengths: impl Iterator<Item = f64>) -> Result<()> {
+        let found: Vec<f64> = wavelengths.collect();
+        if found.len() != self.bands() {
+            let in_bands = |all: &[f64]| format!("{} ({})", all.len(), micrometres(all));
+            let (expected, found) = (in_bands(&self.wavelengths_um), in_bands(&found));
+            return Err(self.differs("number of bands".into(), expected, found));
+        }
+        for (number, (&expected, found)) in self.wavelengths_um.iter().zip(found).enumerate() {
+            if !within(found / expected - 1.0, RELATIVE_TOLERANCE) {
+                let um = |value: f64| format!("{value:.4} um");
+                let what = match self.bands() {
+                    1 => "wavelength".into(),
+                    _ => format!("wavelength of band {number}"),
+                };
+                return Err(self.differs(what, um(expected), um(found)));
+            }
+        }
+        Ok(())
+    }
+
+    /// Compares the cameras and the Sun of a band.
+    fn check_band(&self, taken: &ImagingGeometry) -> Result<()> {
+        let ImagingGeometry { views: geometry, target_km: [.., altitude], .. } = taken;
         let ours = &self.view_geometry;
         let (expected, found) = (ours.view_zenith_deg.len(), geometry.view_zenith_deg.len());
         if expected != found {
@@ -245,11 +346,6 @@ impl WeightsMetadata {
         if !within(climb, LEVEL_TOLERANCE * self.levels.spacing_km) {
             let (expected, found) = (km(self.target_altitude_km), km(*altitude));
             return Err(self.differs("altitude of the target".into(), expected, found));
-        }
-        if !within(wavelength_um / self.wavelength_um - 1.0, RELATIVE_TOLERANCE) {
-            let um = |value: f64| format!("{value:.4} um");
-            let (expected, found) = (um(self.wavelength_um), um(*wavelength_um));
-            return Err(self.differs("wavelength".into(), expected, found));
         }
         Ok(())
     }
@@ -301,13 +397,23 @@ impl WeightsMetadata {
     }
 
     fn differs(&self, what: String, expected: impl ToString, found: impl ToString) -> Error {
+        let bands = match self.bands() {
+            1 => String::new(),
+            _ => format!(" at {}, in this order", micrometres(&self.wavelengths_um)),
+        };
         let remedy = format!(
-            "these weights are for the images of \"{}\": give such images, or weights trained \
-             for these",
+            "these weights are for the images of \"{}\"{bands}: give such images, or weights \
+             trained for these",
             self.formation
         );
         Error::mismatch(what, expected, found, remedy)
     }
+}
+
+/// Wavelengths (um) as text.
+fn micrometres(wavelengths: &[f64]) -> String {
+    let numbers: Vec<_> = wavelengths.iter().map(|wavelength| wavelength.to_string()).collect();
+    format!("{} um", numbers.join(" and "))
 }
 
 /// Whether a difference is within a tolerance; false for NaN.
@@ -339,7 +445,7 @@ mod tests {
     fn the_number_that_differs_is_named() {
         let metadata = metadata(&[3, 4]);
         let right = metadata.view_geometry.clone();
-        metadata.check_images(&taken(&right, 1.0, 0.672)).unwrap();
+        metadata.check_images([&taken(&right, 1.0, 0.672)]).unwrap();
         type Change = fn(&mut ViewGeometry);
         let changes: [(Change, &str); 8] = [
             (|g| g.view_zenith_deg[2] += 0.2, "view 2: zenith: expected 6.00 degrees, found 6.20"),
@@ -360,13 +466,14 @@ mod tests {
         for (change, message) in changes {
             let mut wrong = right.clone();
             change(&mut wrong);
-            let error = metadata.check_images(&taken(&wrong, 1.0, 0.672)).unwrap_err().to_string();
+            let error =
+                metadata.check_images([&taken(&wrong, 1.0, 0.672)]).unwrap_err().to_string();
             assert!(error.contains(message), "{error}");
         }
-        let altitude = metadata.check_images(&taken(&right, 1.2, 0.672)).unwrap_err().to_string();
+        let altitude = metadata.check_images([&taken(&right, 1.2, 0.672)]).unwrap_err().to_string();
         assert!(altitude.contains("altitude of the target: expected 1.0000 km, found 1.2000 km"));
         let wavelength =
-            metadata.check_images(&taken(&right, 1.0, f64::NAN)).unwrap_err().to_string();
+            metadata.check_images([&taken(&right, 1.0, f64::NAN)]).unwrap_err().to_string();
         assert!(wavelength.contains("wavelength: expected 0.6720 um"), "{wavelength}");
     }
 
@@ -378,13 +485,68 @@ mod tests {
         turned.view_azimuth_deg[0] = 200.0;
         turned.view_azimuth_deg[1] += 360.0;
         turned.sun_azimuth_deg -= 360.0;
-        metadata.check_images(&taken(&turned, 1.0, 0.672)).unwrap();
+        metadata.check_images([&taken(&turned, 1.0, 0.672)]).unwrap();
+    }
+
+    /// The wavelength is a number in files of one band, as in those of earlier versions.
+    #[test]
+    fn wavelengths_are_a_number_or_a_list() {
+        let mut metadata = metadata(&[3, 4]);
+        let json = |metadata: &WeightsMetadata| serde_json::to_value(metadata).unwrap();
+        assert_eq!(json(&metadata)["wavelength_um"], 0.672);
+        assert_eq!(json(&metadata).get("effective_radius_scale"), None);
+        metadata.wavelengths_um.push(2.13);
+        assert_eq!(json(&metadata)["wavelength_um"], serde_json::json!([0.672, 2.13]));
+        let again: WeightsMetadata = serde_json::from_value(json(&metadata)).unwrap();
+        assert_eq!(again, metadata);
+    }
+
+    #[test]
+    fn bands_and_outputs_that_contradict_the_rest_are_refused() {
+        let two = || {
+            let mut metadata = metadata(&[3, 4]);
+            metadata.architecture.channels = vec![6, 4];
+            metadata.wavelengths_um = vec![0.672, 2.13];
+            metadata.outputs.push(NetworkOutput::EffectiveRadius);
+            metadata.effective_radius_scale = Some(10.0);
+            metadata.levels.count = 2;
+            metadata
+        };
+        two().check().unwrap();
+        let changes: [(fn(&mut WeightsMetadata), &str); 7] = [
+            (|m| m.wavelengths_um.clear(), "wavelength_um"),
+            (|m| m.wavelengths_um[1] = 0.672, "wavelength_um"),
+            (|m| m.wavelengths_um[1] = -1.0, "wavelength_um"),
+            (|m| m.wavelengths_um.truncate(1), "number of channels of the images"),
+            (|m| m.effective_radius_scale = None, "effective_radius_scale is missing"),
+            (|m| m.effective_radius_scale = Some(0.0), "effective_radius_scale"),
+            (|m| m.outputs.reverse(), "outputs"),
+        ];
+        for (change, message) in changes {
+            let mut wrong = two();
+            change(&mut wrong);
+            let error = wrong.check().unwrap_err().to_string();
+            assert!(error.contains(message), "{error}");
+        }
+    }
+
+    #[test]
+    fn bands_of_another_scene_are_refused() {
+        let mut metadata = metadata(&[6, 4]);
+        metadata.view_geometry = self::metadata(&[3, 4]).view_geometry;
+        metadata.wavelengths_um = vec![0.672, 2.13];
+        let visible = taken(&metadata.view_geometry, 1.0, 0.672);
+        let infrared = taken(&metadata.view_geometry, 1.0, 2.13);
+        metadata.check_images([&visible, &infrared]).unwrap();
+        let elsewhere = ImagingGeometry { target_km: [0.1, 0.0, 1.0], ..infrared };
+        let error = metadata.check_images([&visible, &elsewhere]).unwrap_err().to_string();
+        assert!(error.contains("target of a band: expected x 0.0000"), "{error}");
     }
 
     #[test]
     fn numbers_out_of_range_are_refused() {
         let changes: [fn(&mut WeightsMetadata); 9] = [
-            |m| m.outputs = OUTPUTS.to_vec(),
+            |m| m.outputs = OUTPUTS[..2].to_vec(),
             |m| m.outputs.clear(),
             |m| m.format_version = FORMAT_VERSION + 1,
             |m| m.input_scale = 0.0,

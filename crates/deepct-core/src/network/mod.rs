@@ -25,7 +25,7 @@ pub use estimator::{Estimator, TrainedWeights};
 pub use general::{
     GeneralArchitecture, GeneralLevels, GeneralMetadata, GeneralWeights, Linear, Perceptron, Ranges,
 };
-pub use inference::{Network, Scratch};
+pub use inference::{BandImages, Network, Scratch};
 pub use layout::{ImageLayout, Planes};
 pub use metadata::{FORMAT_VERSION, Levels, NetworkOutput, Training, WeightsMetadata};
 pub use unusual::Unusual;

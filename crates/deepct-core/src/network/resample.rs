@@ -12,6 +12,7 @@ const PIXELS_PER_TASK: usize = 4096;
 /// Resamples the images of a formation onto horizontal planes.
 #[derive(Debug, Clone)]
 pub(super) struct PlaneResampler {
+    /// The views of the first band, then those of the next one.
     views: Vec<View>,
     /// Voxel size along y and x (km).
     spacing: [f64; 2],
@@ -49,7 +50,7 @@ pub(super) struct Field {
     pub(super) center: [f64; 2],
 }
 
-/// One view: the projection from the plane of the target to its image, and the offsets of its
+/// One view of one band: the projection from the plane of the target to its image, and the offsets of its
 /// planes.
 #[derive(Debug, Clone)]
 struct View {
@@ -109,7 +110,9 @@ impl PlaneResampler {
             all.fold(0.0, f64::max)
         };
         let margin = [largest(0), largest(1)];
-        let views = parallaxes.iter().enumerate().map(|(view, parallaxes)| {
+        let of_band = parallaxes.iter().enumerate();
+        let images = of_band.cycle().take(metadata.images());
+        let views = images.map(|(view, parallaxes)| {
             let zenith = geometry.view_zenith_deg[view].to_radians();
             let azimuth = geometry.view_azimuth_deg[view].to_radians();
             let distance = geometry.camera_distance_km[view];

@@ -21,7 +21,7 @@ pub const MAX_VOXELS: usize = 1 << 22;
 /// Values that are negative or not finite.
 pub(super) fn exhibit(field: &Field, name: &str, most_voxels: usize) -> Result<Exhibit> {
     let mut exhibit = Exhibit::new(name, field.grid(), most_voxels);
-    if let Some(Estimate { extinction, uncertainty }) = &field.estimate {
+    if let Some(Estimate { extinction, uncertainty, .. }) = &field.estimate {
         exhibit = exhibit.with("extinction", extinction)?;
         if let Some(uncertainty) = uncertainty {
             exhibit = exhibit.with("uncertainty", uncertainty)?;

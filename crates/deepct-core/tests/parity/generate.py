@@ -6,8 +6,9 @@ The script requires numpy, safetensors, torch and weights_tools. For each networ
 
     NAME.safetensors          the weights in the format of deepct, with batch normalisations
                               separate from the convolutions
-    NAME.answers.safetensors  tensors "{rows}x{cols}", [level, row, col]: the output for the images
-                              of the function `images`, which parity.rs evaluates as well
+    NAME.answers.safetensors  tensors "{rows}x{cols}", [output and level, row, col]: the output
+                              for the images of the function `images`, which parity.rs evaluates as
+                              well
 """
 
 import json
@@ -18,13 +19,14 @@ import numpy as np
 import torch
 from safetensors.numpy import save_file
 from torch import nn
-from weights_tools.lift import lift_of
+from weights_tools.lift import lift_of, wavelengths_of
 
 FOLDER = Path(__file__).parent
 NETWORKS = {
     "views-10": ([10, 12, 14], True),
     "odd": ([3, 17, 5, 33, 2], False),
     "planes": ([12, 9, 6], True),
+    "bands": ([24, 9, 6], True),
 }
 ON_PLANES = {
     "format_version": 2,
@@ -40,6 +42,15 @@ ON_PLANES = {
     "horizontal_spacing_km": [0.05, 0.04],
 }
 """Metadata that differ for the network on planes: cameras in all directions, one at infinity."""
+IN_BANDS = {
+    **ON_PLANES,
+    "format_version": 5,
+    "wavelength_um": [0.672, 2.13],
+    "levels": {"bottom_km": 0.5, "count": 3, "spacing_km": 0.04},
+    "outputs": ["extinction", "effective_radius"],
+    "effective_radius_scale": 10.0,
+}
+"""Metadata that differ for the network for two bands, which also estimates the effective radius."""
 SIZES = ((1, 1), (31, 45), (33, 32))
 
 
@@ -84,7 +95,7 @@ def network(channels: list[int], last_relu: bool) -> nn.Sequential:
 def metadata(name: str) -> dict[str, Any]:
     channels, last_relu = NETWORKS[name]
     views, levels = channels[0], channels[-1]
-    changes = ON_PLANES if name == "planes" else {}
+    changes = {"planes": ON_PLANES, "bands": IN_BANDS}.get(name, {})
     return {
         "format_version": 1,
         "formation": "none",
@@ -127,6 +138,7 @@ def main() -> None:
         layers.double()
         lift = lift_of(metadata(name))
         views = len(metadata(name)["view_geometry"]["pixel_km"])
+        views *= len(wavelengths_of(metadata(name)))
         answers = {}
         for rows, cols in SIZES:
             values = torch.from_numpy(images(views, rows, cols))[None]

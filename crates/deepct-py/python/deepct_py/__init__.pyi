@@ -563,6 +563,7 @@ class Estimate:
         uncertainty: Optional[ArrayLike] = None,
         light: Optional[Light] = None,
         *,
+        effective_radius: Optional[ArrayLike] = None,
         lineage: Optional[Lineage] = None,
     ) -> Estimate: ...
     @staticmethod
@@ -573,6 +574,8 @@ class Estimate:
     def extinction(self) -> _Floats: ...
     @property
     def uncertainty(self) -> Optional[_Floats]: ...
+    @property
+    def effective_radius(self) -> Optional[_Floats]: ...
     @property
     def light(self) -> Optional[Light]: ...
     @property
@@ -602,7 +605,7 @@ class Network:
     ) -> list[tuple[_Ends, _Ends, Grid, Optional[tuple[_Ends, _Ends]]]]: ...
     def infer(
         self,
-        radiance: _Images,
+        radiance: Union[_Images, Sequence[Observation]],
         views: Optional[_Views] = None,
         light: Optional[Light] = None,
         *,
@@ -619,7 +622,7 @@ class Network:
     ) -> dict[str, float]: ...
     def estimate(
         self,
-        radiance: _Images,
+        radiance: Union[_Images, Sequence[Observation]],
         views: Optional[_Views] = None,
         light: Optional[Light] = None,
         *,

@@ -338,6 +338,33 @@ fn two_bands_determine_the_effective_radius() {
     assert!(uniform < 2.5 && uniform > 3.0 * adiabatic, "{found}");
 }
 
+/// Before any step, the effective radius is that of the start if it has one, and otherwise that which the
+/// prior expects.
+#[test]
+fn an_inversion_begins_at_the_effective_radius_of_its_start() {
+    let (extinction, radii, bands) = microphysics();
+    let inside = extinction.values.mapv(|value| value > 0.0);
+    let mask = Mask::new(extinction.grid, inside.clone()).unwrap();
+    let problem = Problem { bands: &bands, mask: &mask, truth: None };
+    let settings =
+        InversionSettings { iterations: 0, corrections: 1, ..droplet_settings(Radius::Field) };
+    let first = |effective_radius: Option<Volume>| {
+        let start = Estimate { effective_radius, ..extinction.clone().into() };
+        let mut models =
+            OrdinatesModels::of(&bands, &extinction.grid, settings.radius, solver()).unwrap();
+        let found = invert(&problem, &mut models, &start.into(), &settings, &()).unwrap();
+        found.effective_radius.unwrap().values
+    };
+    let (given, expected) = (first(Some(radii.clone())), first(None));
+    let pairs = given.iter().zip(&expected).zip(&radii.values).zip(&inside);
+    let (mut near, mut other) = (0.0_f32, 0.0_f32);
+    for (((given, expected), radius), _) in pairs.filter(|(_, inside)| **inside) {
+        near = near.max((given / radius - 1.0).abs());
+        other = other.max((expected / radius - 1.0).abs());
+    }
+    assert!(near < 1e-3 && other > 0.1, "{near} {other}");
+}
+
 /// One camera 3 % too bright spoils the extinction unless its gain is unknown.
 #[test]
 fn a_gain_that_is_wrong_is_found() {
@@ -418,7 +445,7 @@ fn standard_errors_are_those_of_independent_voxels() {
     let problem = Problem { bands: from_ref(&seen), mask: &mask, truth: None };
     let uncertainty = |voxel: (usize, usize, usize)| [0.05, 0.2, 0.5, 1.0][voxel.1];
     let uncertainty = Volume::new(grid, Array3::from_shape_fn(grid.shape, uncertainty)).unwrap();
-    let start = Estimate { extinction: truth.clone(), uncertainty: Some(uncertainty.clone()) };
+    let start = Estimate { uncertainty: Some(uncertainty.clone()), ..truth.clone().into() };
     let members = 400;
     let settings = InversionSettings {
         members,

@@ -67,12 +67,14 @@ impl Fields {
         Ok(Self::new(cloud.grid, fields))
     }
 
-    /// The `extinction` (1/km) of an estimate, and its `uncertainty` if it is known.
+    /// The `extinction` (1/km) of an estimate, and its `uncertainty` and `reff` (um) if they are known.
     pub fn of_estimate(estimate: &Estimate) -> Self {
         let Volume { grid, values } = &estimate.extinction;
         let mut fields = vec![(EXTINCTION, values.clone())];
         let uncertainty = estimate.uncertainty.iter();
         fields.extend(uncertainty.map(|volume| (("uncertainty", "km-1"), volume.values.clone())));
+        let radius = estimate.effective_radius.iter();
+        fields.extend(radius.map(|volume| (("reff", "um"), volume.values.clone())));
         Self::new(*grid, fields)
     }
 

@@ -166,8 +166,8 @@ pub fn write_volume(
     output.finish()
 }
 
-/// Write the estimate of a network: `extinction` and, if available, `uncertainty` (km-1) on
-/// `(z, y, x)`, and the scene illumination of the images if it is known.
+/// Write the estimate of a network: `extinction` and, if available, `uncertainty` (km-1) and `reff`
+/// (um; 0 where there is no extinction) on `(z, y, x)`, and the scene illumination of the images if it is known.
 ///
 /// # Errors
 /// Returns an error if an extinction is negative or not finite, or if the file cannot be written.
@@ -182,6 +182,9 @@ pub fn write_estimate(
     observation.map_or(Ok(()), |observation| put_light(&output, observation))?;
     if let Some(uncertainty) = &estimate.uncertainty {
         output.variable("uncertainty", &AXES, &uncertainty.values, UNCERTAINTY)?;
+    }
+    if let Some(radius) = &estimate.effective_radius {
+        output.variable("reff", &AXES, &radius.values, EFFECTIVE_RADIUS)?;
     }
     output.finish()
 }
@@ -276,7 +279,7 @@ pub fn read_volume(path: impl AsRef<Path>) -> Result<Volume> {
     Ok(volume)
 }
 
-/// Read an estimate that [`write_estimate`] wrote. A file without `uncertainty` is accepted.
+/// Read an estimate that [`write_estimate`] wrote. A file without `uncertainty` or `reff` is accepted.
 ///
 /// # Errors
 /// As [`read_cloud`].
@@ -284,19 +287,26 @@ pub fn read_estimate(path: impl AsRef<Path>) -> Result<Estimate> {
     let path = path.as_ref();
     let extinction = read_volume(path)?;
     let input = Input::open(path)?;
-    let uncertainty = match input.has("uncertainty") {
-        true => {
-            let values = input.variable_on("uncertainty", &AXES)?.reals_3d_in("km-1")?;
-            let volume = Volume::new(extinction.grid, values);
-            let checked = volume.and_then(|volume| {
-                volume.check_non_negative("uncertainty")?;
-                Ok(volume)
-            });
-            Some(checked.map_err(Error::in_file(path))?)
+    let read = |variable, unit, name| {
+        if !input.has(variable) {
+            return Ok(None);
         }
-        false => None,
+        let mut values = input.variable_on(variable, &AXES)?.reals_3d_in::<f32>(unit)?;
+        if values.dim() == extinction.values.dim() {
+            // A radius has no meaning where there is no extinction, and many programs write none.
+            values.zip_mut_with(&extinction.values, |value, &extinction| {
+                *value = if extinction == 0.0 && value.is_nan() { 0.0 } else { *value };
+            });
+        }
+        let volume = Volume::new(extinction.grid, values).and_then(|volume| {
+            volume.check_non_negative(name)?;
+            Ok(volume)
+        });
+        volume.map(Some).map_err(Error::in_file(path))
     };
-    Ok(Estimate { extinction, uncertainty })
+    let uncertainty = read("uncertainty", "km-1", "uncertainty")?;
+    let effective_radius = read("reff", "um", "effective radius")?;
+    Ok(Estimate { extinction, uncertainty, effective_radius })
 }
 
 /// Write a mask as `mask`, 1 inside and 0 outside, on `(z, y, x)`.

@@ -12,7 +12,7 @@ use std::path::Path;
 /// The variable whose attributes describe the scene illumination.
 const CONTAINER: &str = "light";
 
-/// Quantities stored as variables: name, key in [`Light`], unit, long name, standard name.
+/// Attributes of the container that are not of the illumination.
 const OTHER_ATTRIBUTES: [&str; 10] = [
     "long_name",
     "standard_name",
@@ -29,7 +29,14 @@ const OTHER_ATTRIBUTES: [&str; 10] = [
 /// The variable of the solar irradiance for which the radiances hold.
 const IRRADIANCE: &str = "sun_irradiance";
 
-const VARIABLES: [(&str, &str, &str, &str, &str); 4] = [
+/// The variable of the wavelength.
+const WAVELENGTH: &str = "wavelength";
+
+/// Name, key in [`Light`], unit, long name and standard name of a variable.
+type Described = (&'static str, &'static str, &'static str, &'static str, &'static str);
+
+/// Quantities stored as variables.
+const VARIABLES: [Described; 4] = [
     (
         "sun_zenith_deg",
         "sun_zenith_deg",
@@ -45,7 +52,7 @@ const VARIABLES: [(&str, &str, &str, &str, &str); 4] = [
         "solar_azimuth_angle",
     ),
     (IRRADIANCE, "solar_irradiance", "1", "solar irradiance normal to the beam", ""),
-    ("wavelength", "wavelength", "um", "wavelength", "radiation_wavelength"),
+    (WAVELENGTH, "wavelength", "um", "wavelength", "radiation_wavelength"),
 ];
 
 /// Read the scene illumination from a file of images or of a quantity retrieved from images, and
@@ -60,17 +67,29 @@ pub fn read_light(path: impl AsRef<Path>) -> Result<Option<(Light, Vec<String>)>
     known.then(|| get_light(&input)).transpose()
 }
 
-/// Add the scene illumination of images to a file that is being written. Assumed values are
-/// omitted.
+/// Attributes of one of the [`VARIABLES`].
+fn attributes(
+    (_, _, units, long_name, standard_name): Described,
+) -> Vec<(&'static str, Attribute<'static>)> {
+    let named = (!standard_name.is_empty()).then_some(("standard_name", Text(standard_name)));
+    [("units", Text(units)), ("long_name", Text(long_name))].into_iter().chain(named).collect()
+}
+
+/// Add the dimension of the wavelengths (um) of several bands to a file that is being written.
+pub(super) fn put_wavelengths(output: &mut Output, wavelengths: &[f64]) -> Result<()> {
+    let described = VARIABLES.into_iter().find(|(name, ..)| *name == WAVELENGTH);
+    output.dimension(WAVELENGTH, wavelengths, &attributes(described.expect("it is one of them")))
+}
+
+/// Add the scene illumination of images to a file that is being written, without the wavelength if
+/// that is a dimension. Assumed values are omitted.
 pub(super) fn put_light(output: &Output, observation: &Observation) -> Result<()> {
     let mut values = observation.light.values();
-    for (name, key, units, long_name, standard_name) in VARIABLES {
+    for described @ (name, key, ..) in VARIABLES {
         let value = values.remove(key).and_then(|value| value.as_float());
-        let mut attributes = vec![("units", Text(units)), ("long_name", Text(long_name))];
-        if !standard_name.is_empty() {
-            attributes.push(("standard_name", Text(standard_name)));
+        if !output.has_dimension(name) {
+            output.scalar(name, value.expect("a number"), &attributes(described))?;
         }
-        output.scalar(name, value.expect("a number"), &attributes)?;
     }
     values.retain(|key, _| !observation.assumed.contains(key));
     // Many programs expose attributes as identifiers, which cannot contain a dot.

@@ -1,14 +1,14 @@
 //! Images with their cameras and scene illumination.
 
 use super::cameras::{read_views, write_cameras};
-use super::light::{get_light, put_light};
+use super::light::{get_light, put_light, put_wavelengths};
 use super::window::{PIXEL_AXES, Window, pixel_axes};
-use super::write::{Attribute::*, Output};
+use super::write::{Attribute::*, Attributes, Output, Stored};
 use super::{INCOMPLETE, Input, Provenance};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::image::ViewStack;
 use crate::scene::{Light, Observation, View};
-use ndarray::Ix3;
+use ndarray::{Axis, CowArray, Ix3, stack};
 use std::ops::Range;
 use std::path::Path;
 
@@ -31,16 +31,28 @@ pub fn write_observation(
     provenance: &Provenance,
 ) -> Result<()> {
     let mut output = Output::create(path.as_ref(), provenance)?;
-    put_observation(&mut output, observation)?;
+    put_bands(&mut output, std::slice::from_ref(observation))?;
     if observation.incomplete {
         output.mark_incomplete("the rendering was interrupted before it had all photon paths")?;
     }
     output.finish()
 }
 
-/// Add images to a file that is being written.
-pub(super) fn put_observation(output: &mut Output, observation: &Observation) -> Result<()> {
-    let [views, rows, cols] = observation.images.shape();
+/// Add the images of one or more bands to a file that is being written. Those of several are on the
+/// dimension `wavelength`.
+pub(super) fn put_bands(output: &mut Output, bands: &[Observation]) -> Result<()> {
+    let Some(first) = bands.first() else {
+        return Err(Error::out_of_range("number of bands", 0, "at least 1"));
+    };
+    if !bands.iter().all(|band| differs_in_wavelength_alone(first, band)) {
+        let remedy = "write them to files of their own";
+        return Err(Error::mismatch("bands", "the same views and illumination", "others", remedy));
+    }
+    if bands.len() > 1 {
+        let wavelengths: Vec<f64> = bands.iter().map(|band| band.light.wavelength).collect();
+        put_wavelengths(output, &wavelengths)?;
+    }
+    let [views, rows, cols] = first.images.shape();
     output.counted("view", views, "index of the view")?;
     for ((name, _), (size, long_name)) in PIXEL_AXES.iter().zip([
         (rows, "pixel row, increasing northwards"),
@@ -53,22 +65,60 @@ pub(super) fn put_observation(output: &mut Output, observation: &Observation) ->
     }
     output.counted("component", 3, "components x (east), y (north), z (up)")?;
     let radiance = [("units", Text("sr-1")), ("long_name", Text("radiance"))];
-    output.variable("radiance", &PIXELS, &observation.images.values, &radiance)?;
-    if let Some(error) = &observation.standard_error {
-        let long_name = "standard error of radiance; infinite for missing pixels";
-        let attributes = [("units", Text("sr-1")), ("long_name", Text(long_name))];
-        output.variable("radiance_standard_error", &PIXELS, &error.values, &attributes)?;
+    put_pixels(output, "radiance", bands, |band| Some((&band.images.values).into()), &radiance)?;
+    let long_name = "standard error of radiance; infinite for missing pixels";
+    let attributes = [("units", Text("sr-1")), ("long_name", Text(long_name))];
+    put_pixels(
+        output,
+        "radiance_standard_error",
+        bands,
+        |band| Some((&band.standard_error.as_ref()?.values).into()),
+        &attributes,
+    )?;
+    let attributes = [
+        ("long_name", Text("saturated pixels, which are at least as bright as their radiance")),
+        ("flag_values", Flags(&[0, 1])),
+        ("flag_meanings", Text("not_saturated saturated")),
+    ];
+    let saturated = |band: &Observation| Some(band.saturated.as_ref()?.mapv(i8::from).into());
+    put_pixels(output, "saturated", bands, saturated, &attributes)?;
+    write_cameras(output, &first.views)?;
+    put_light(output, first)
+}
+/// Whether the views and the scene illumination of two bands are the same except for the wavelength.
+fn differs_in_wavelength_alone(one: &Observation, other: &Observation) -> bool {
+    let light = Light { wavelength: one.light.wavelength, ..other.light.clone() };
+    light == one.light && other.assumed == one.assumed && other.views == one.views
+}
+
+/// Add a value of each pixel of each band, unless no band has it.
+///
+/// # Errors
+/// Returns an error if some bands have the value and others do not, or if it cannot be written.
+fn put_pixels<'a, T: Stored>(
+    output: &Output,
+    name: &str,
+    bands: &'a [Observation],
+    values: impl Fn(&'a Observation) -> Option<CowArray<'a, T, Ix3>>,
+    attributes: &Attributes,
+) -> Result<()> {
+    let known: Vec<_> = bands.iter().filter_map(values).collect();
+    match &known[..] {
+        [] => Ok(()),
+        [values] if bands.len() == 1 => output.variable(name, &PIXELS, values, attributes),
+        _ if known.len() == bands.len() => {
+            let views: Vec<_> = known.iter().map(|values| values.view()).collect();
+            let stacked = stack(Axis(0), &views).expect("the views have the same sizes");
+            let [view, row, col] = PIXELS;
+            output.variable(name, &["wavelength", view, row, col], &stacked, attributes)
+        }
+        _ => Err(Error::mismatch(
+            format!("bands with {name}"),
+            bands.len(),
+            known.len(),
+            "give it for all bands or for none",
+        )),
     }
-    if let Some(saturated) = &observation.saturated {
-        let attributes = [
-            ("long_name", Text("saturated pixels, which are at least as bright as their radiance")),
-            ("flag_values", Flags(&[0, 1])),
-            ("flag_meanings", Text("not_saturated saturated")),
-        ];
-        output.variable("saturated", &PIXELS, &saturated.mapv(i8::from), &attributes)?;
-    }
-    write_cameras(output, &observation.views)?;
-    put_light(output, observation)
 }
 
 /// Read images. What [`write_observation`] wrote is reproduced exactly; files of other programs need

@@ -2,26 +2,28 @@
 
 use super::Provenance;
 use super::field::put_cloud;
-use super::observation::put_observation;
+use super::observation::put_bands;
 use super::write::Output;
 use crate::cloud::Cloud;
 use crate::error::Result;
 use crate::scene::Observation;
 use std::path::Path;
 
-/// Write a training sample: the variables of a cloud and those of its images. The file can be
-/// read by `read_cloud` and `read_observation`.
+/// Write a training sample: the variables of a cloud and those of its images in each of one or more
+/// bands, with `radiance` on the dimension `wavelength` if there are several. The file can be read by
+/// `read_cloud` and `read_observations`.
 ///
 /// # Errors
-/// Returns an error if the file cannot be written.
+/// Returns an error if there is no band, if the bands differ in more than the wavelength and the
+/// radiances, or if the file cannot be written.
 pub fn write_sample(
     path: impl AsRef<Path>,
     cloud: &Cloud,
-    observation: &Observation,
+    bands: &[Observation],
     provenance: &Provenance,
 ) -> Result<()> {
     let mut output = Output::create(path.as_ref(), provenance)?;
     put_cloud(&mut output, cloud)?;
-    put_observation(&mut output, observation)?;
+    put_bands(&mut output, bands)?;
     output.finish()
 }

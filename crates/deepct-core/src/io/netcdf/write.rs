@@ -128,6 +128,11 @@ impl Output {
         Ok(())
     }
 
+    /// Whether a dimension was added.
+    pub(super) fn has_dimension(&self, name: &str) -> bool {
+        self.dimensions.iter().any(|(known, _)| known == name)
+    }
+
     /// Add a dimension whose coordinates are 0, 1, 2, ...
     pub(super) fn counted(&mut self, name: &str, length: usize, long_name: &str) -> Result<()> {
         let numbers: Vec<i32> = (0..length as i32).collect();

@@ -249,7 +249,7 @@ impl GeneralWeights {
             architecture: Architecture { channels, last_relu },
             view_geometry,
             target_altitude_km: geometry.target_km[2],
-            wavelength_um: geometry.wavelength_um,
+            wavelengths_um: vec![geometry.wavelength_um],
             image_layout: ImageLayout::Planes(Planes { altitudes_km, extremes }),
             horizontal_spacing_km: [grid.spacing.x, grid.spacing.y],
             levels: Levels {
@@ -260,6 +260,7 @@ impl GeneralWeights {
             outputs: metadata.outputs.clone(),
             input_scale: metadata.input_scale,
             output_scale: metadata.output_scale * metadata.voxel_km / grid.spacing.x,
+            effective_radius_scale: None,
             training: metadata.training.clone(),
             scores: metadata.scores.clone(),
             program: metadata.program.clone(),
