@@ -513,7 +513,8 @@ mod tests {
             metadata
         };
         two().check().unwrap();
-        let changes: [(fn(&mut WeightsMetadata), &str); 7] = [
+        type Change = fn(&mut WeightsMetadata);
+        let changes: [(Change, &str); 7] = [
             (|m| m.wavelengths_um.clear(), "wavelength_um"),
             (|m| m.wavelengths_um[1] = 0.672, "wavelength_um"),
             (|m| m.wavelengths_um[1] = -1.0, "wavelength_um"),
