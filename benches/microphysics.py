@@ -2,7 +2,8 @@
 """Retrieval of extinction and effective radius from one and from two bands.
 
     python3 benches/microphysics.py --clouds FOLDER --work FOLDER [--count 12] \
-        [--solver monte-carlo] [--program target/release/deepct] [--figure FILE.png]
+        [--solver monte-carlo] [--program target/release/deepct] [--figure FILE.png] \
+        [--methods 0 2 6] [--members 4]
 
 The clouds are samples of `recipes/bomex-test.toml` of 60 to 400 voxels, or the files given. For each of
 them, the ten views of a formation are rendered at 0.672 and 2.13 um (Monte Carlo, 1.5 % noise in bright
@@ -30,20 +31,19 @@ LIGHT = ["--views", "cloudct-10", "--air", "--phase", "mie", "--set", "optics.ex
 BANDS = {"visible": 0.672, "infrared": 2.13}
 NOISE = {"monte-carlo": ["--noise", "0.015"], "ordinates": []}
 ONE, TWO = ["visible"], ["visible", "infrared"]
-MEMBERS = ["--members", "4"]
 METHODS: dict[str, tuple[list[str], list[str]]] = {
-    "one band, mean radius of the cloud given": (ONE, MEMBERS),
+    "one band, mean radius of the cloud given": (ONE, ["--members"]),
     "one band, 10 um for all clouds": (ONE, ["--effective-radius", "10"]),
     "one band, one unknown radius": (ONE, ["--radius", "uniform"]),
     "one band, adiabatic profile": (ONE, ["--radius", "adiabatic"]),
     "two bands, one unknown radius": (TWO, ["--radius", "uniform"]),
     "two bands, adiabatic profile": (TWO, ["--radius", "adiabatic"]),
-    "two bands, radius of each voxel": (TWO, ["--radius", "field", *MEMBERS]),
+    "two bands, radius of each voxel": (TWO, ["--radius", "field", "--members"]),
     "the same, deviations of 15 % and smooth": (TWO, [
         "--radius", "field", "--set", "inversion.radius_error=0.15",
         "--set", "inversion.radius_gradient=1.5"]),
 }
-"""The bands and options of each method."""
+"""The bands and options of each method; the number of members is that of the command line."""
 BRIGHTER, SHIFT, CAMERA = 1.03, 0.3, 3
 """Factor of the wrong gain, distance of the wrong direction (pixels), and the number of the camera."""
 CAMERAS = {
@@ -180,6 +180,9 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=12, help="number of clouds of a folder")
     parser.add_argument("--solver", default="monte-carlo", choices=NOISE, help="solver of the images")
     parser.add_argument("--program", type=Path, default=Path("target/release/deepct"))
+    parser.add_argument("--methods", type=int, nargs="+", default=[*range(len(METHODS))],
+                        help="numbers of the methods of the first table; the wrong cameras need all")
+    parser.add_argument("--members", type=int, default=4, help="members for the expected errors")
     parser.add_argument("--figure", type=Path, help="figure of retrieved and true radii")
     arguments = parser.parse_args()
     arguments.work.mkdir(parents=True, exist_ok=True)
@@ -193,9 +196,14 @@ def main() -> None:
     for cloud in clouds:
         images = {band: bench.images(cloud, band) for band in BANDS}
         for number, (name, (bands, options)) in enumerate(METHODS.items()):
+            if number not in arguments.methods:
+                continue
+            options = [*options, arguments.members] if "--members" in options else options
             found = bench.invert(cloud, str(number), [images[band] for band in bands], options)
             results.setdefault(name, []).append(found)
         for number, (name, (which, options)) in enumerate(CAMERAS.items()):
+            if len(arguments.methods) < len(METHODS):
+                break
             path = images["visible"] if which == "visible" else bench.wrong(cloud, which)
             found = bench.invert(cloud, f"camera-{number}", [path], options)
             cameras.setdefault(name, []).append(found)
@@ -212,7 +220,8 @@ def main() -> None:
             pairs = [key for key in EXPECTED if f"expected_{RETRIEVED.get(key)}" in columns]
             shown = {key: form for key, form in columns.items() if key in pairs or "expected" in key}
             print(row(name, found, shown))
-    print("\n| cameras | epsilon |\n|---|---|")
+    if cameras:
+        print("\n| cameras | epsilon |\n|---|---|")
     for name, found in cameras.items():
         print(row(name, found, {"epsilon": "{:.3f}"}))
     if arguments.figure:

@@ -93,7 +93,8 @@ impl Conv2d {
         }
         let mut bias = bias.to_vec();
         bias.resize(outputs.next_multiple_of(kernel.lanes()), 0.0);
-        Ok(Self { weight: weight.to_owned(), bias, relu, kernel, packed: Packed::default() })
+        let weight = weight.as_standard_layout().into_owned();
+        Ok(Self { weight, bias, relu, kernel, packed: Packed::default() })
     }
 
     /// Number of input channels.
@@ -161,7 +162,7 @@ impl Conv2d {
         of: impl Fn(&[f32; TAPS]) -> [f32; POINTS],
         join: impl Fn([f32; CHANNELS]) -> E,
     ) -> Vec<E> {
-        let (taps, _) = self.weight.as_slice().expect("owned arrays are contiguous").as_chunks();
+        let (taps, _) = self.weight.as_slice().expect("the layout was made standard").as_chunks();
         let points: Vec<[f32; POINTS]> = taps.iter().map(of).collect();
         let inputs = self.input_channels();
         let value = |point: usize, input: usize, output: usize| {

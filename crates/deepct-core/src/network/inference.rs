@@ -328,6 +328,23 @@ mod tests {
         .unwrap()
     }
 
+    /// Weights may be stored in any order.
+    #[test]
+    fn the_order_of_the_weights_in_memory_does_not_matter() {
+        let weights = weights(&[3, 5, 4], 3);
+        let mut reversed = weights.clone();
+        for layer in &mut reversed.layers {
+            let columns_first = layer.weight.t().as_standard_layout().into_owned();
+            layer.weight = columns_first.reversed_axes();
+            assert!(!layer.weight.is_standard_layout());
+        }
+        let infer = |weights: &Weights| {
+            let network = Network::new(weights).unwrap();
+            network.infer(&images([3, 6, 7]), &around(weights, [2.0, -1.0])).unwrap()
+        };
+        assert!(infer(&reversed) == infer(&weights));
+    }
+
     /// The result agrees with the definition of the scales, and the grid is centred on the target.
     #[test]
     fn scales_and_grid_are_those_of_the_metadata() {
