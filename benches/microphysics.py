@@ -132,7 +132,9 @@ def processor_time() -> float:
 def compare(truth: Path, found: Path) -> dict:
     """The errors of a retrieved cloud, and those that its standard errors let expect."""
     with xr.open_dataset(truth, engine="h5netcdf") as cloud:
-        extinction, water, radius = (cloud[n].values for n in ("extinction", "lwc", "reff"))
+        fields = (cloud[name].values for name in ("extinction", "lwc", "reff"))
+        # The radius is missing outside the clouds of some files.
+        extinction, water, radius = map(np.nan_to_num, fields)
     with xr.open_dataset(found, engine="h5netcdf") as cloud:
         retrieved = cloud["extinction"].values
         given = float((extinction * radius).sum() / extinction.sum())
