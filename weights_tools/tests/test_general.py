@@ -129,6 +129,7 @@ def test_images_on_planes_are_those_of_the_fixed_formations():
         lift = Lift(
             {
                 **geometry,
+                "wavelength_um": 0.672,
                 "image_layout": {"planes": {"altitudes_km": altitudes}},
                 "horizontal_spacing_km": [spacing, spacing],
             }

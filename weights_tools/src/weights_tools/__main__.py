@@ -55,6 +55,7 @@ def _parser() -> argparse.ArgumentParser:
         "distribute",
         help="run any command of deepct on a dask cluster",
         usage="weights_tools distribute [options] -- VERB ...",
+        allow_abbrev=False,
         description="Run `deepct VERB ...` in shares, which `experiment` and `dataset generate` have, "
         "and then as a whole; or, with --files, once for each file as its only input.",
     )
