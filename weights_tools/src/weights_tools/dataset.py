@@ -294,7 +294,7 @@ def _read_sample(
         problem = "is not the file that the manifest names (its SHA-256 differs)"
         raise InputError(path, problem, _REMEDY)
     levels = manifest["levels"]["count"]
-    names = ["extinction", "radiance", *["reff"][: int(effective_radius)]]
+    names = ["extinction", "radiance", "reff"] if effective_radius else ["extinction", "radiance"]
     try:
         with h5py.File(io.BytesIO(content), "r") as file:
             found = {name: _read_variable(file, name, path) for name in names}

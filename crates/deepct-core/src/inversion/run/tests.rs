@@ -578,7 +578,7 @@ fn an_inversion_continues_where_the_model_begins_anew() {
     assert_eq!((found.ending, last.iteration), (Ending::Iterations, 2 * KEPT + 5));
 }
 
-/// A model that is told to stop at one of its evaluations.
+/// A model that requests a stop at one of its evaluations.
 struct Stopping<'a> {
     model: OnGrid<'a>,
     left: &'a Cell<usize>,
